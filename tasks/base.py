@@ -1,0 +1,120 @@
+"""What the worlds share: a ManiSkill environment in which one ``step`` is one whole decision."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import torch
+from mani_skill.envs.sapien_env import BaseEnv
+
+
+@dataclass
+class SceneObject:
+    """One thing in the scene as the world itself knows it: a name, its outline ``[P, 2]`` (m) from above, its top (m), its properties."""
+
+    name: str
+    footprint: np.ndarray
+    top: float
+    attributes: dict[str, Any] = field(default_factory=dict)
+
+
+class DecisionEnv(BaseEnv):
+    """A world in which an action is a 3-D point and a step runs a motion primitive there, to its end.
+
+    A task gives ``REWARD_COMPONENTS``, ``BACKGROUND``, ManiSkill's usual hooks (``_load_scene``, ``_initialize_episode``,
+    ``_default_sensor_configs``) and four methods of its own: :meth:`run_primitive`, :meth:`highest_reward`, :meth:`scene_objects` and
+    :meth:`oracle_point`.
+
+    Args:
+        weights: w_k by component name; R = Σ_k w_k r_k. A component that is not named weighs 1.
+        render_backend: ``"auto"`` draws on a GPU where CUDA sees one, else on the CPU.
+        kwargs: ManiSkill's own.
+    """
+
+    REWARD_COMPONENTS: tuple[str, ...] = ()
+    BACKGROUND: str = "ground"
+    SUPPORTED_REWARD_MODES = ("sparse", "none")
+
+    def __init__(self, *, weights: Mapping[str, float] | None = None, render_backend: str = "auto", **kwargs: Any) -> None:
+        self.weights = torch.tensor([float((weights or {}).get(name, 1.0)) for name in self.REWARD_COMPONENTS])
+        self._outcome: dict[str, torch.Tensor] = {}
+        self._over = (False, False)
+        if render_backend == "auto":
+            render_backend = "gpu" if torch.cuda.is_available() else "cpu"
+        super().__init__(
+            num_envs=1, obs_mode="rgb+depth", reward_mode="sparse", sim_backend="physx_cpu", render_backend=render_backend, **kwargs
+        )
+        self.single_action_space = gym.spaces.Box(-np.inf, np.inf, (3,), np.float32)
+        self.action_space = gym.spaces.Box(-np.inf, np.inf, (1, 3), np.float32)
+
+    # -- what a task gives ---------------------------------------------------------------------------------------------
+
+    def run_primitive(self, point: np.ndarray) -> tuple[dict[str, float], dict[str, float]]:
+        """Runs the motion at ``point`` ``[3]`` (m) with :meth:`control_step`.
+
+        Returns:
+            The sub-rewards r_k in [0, 1] by component name, and further numbers worth logging, by name.
+        """
+        raise NotImplementedError
+
+    def highest_reward(self) -> float:
+        """The highest Σ_k w_k r_k any action would have in the present state, from the world's own truth."""
+        raise NotImplementedError
+
+    def episode_over(self) -> tuple[bool, bool]:
+        """``(terminated, truncated)`` after the decision that was just run."""
+        return True, False
+
+    def scene_objects(self) -> list[SceneObject]:
+        """The objects of the present state."""
+        raise NotImplementedError
+
+    def oracle_point(self) -> np.ndarray:
+        """``[3]``, m: a point whose choice has the highest reward available."""
+        raise NotImplementedError
+
+    def reachable(self, points: np.ndarray) -> np.ndarray:
+        """``[M]`` bool: whether the primitive can be tried at each of the points ``[M, 3]``."""
+        return np.ones(len(points), dtype=bool)
+
+    # -- ManiSkill's side ----------------------------------------------------------------------------------------------
+
+    def control_step(self, action: Any = None) -> None:
+        """One control step of the agent: ManiSkill's own step, without observation and reward."""
+        super()._step_action(action)
+
+    def _step_action(self, action: Any) -> torch.Tensor:
+        point = np.asarray(action, dtype=np.float64).reshape(3)
+        available = self.highest_reward()
+        components, extra = self.run_primitive(point)
+        values = torch.tensor([[float(components[name]) for name in self.REWARD_COMPONENTS]])
+        self._over = self.episode_over()
+        self._outcome = {
+            "reward_components": values,
+            "reward_available": torch.tensor([available], dtype=torch.float32),
+            **{name: torch.tensor([float(value)]) for name, value in extra.items()},
+        }
+        return torch.as_tensor(point, dtype=torch.float32)[None]
+
+    def reset(self, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """A new scene (ManiSkill's reset); no outcome of an earlier decision survives it."""
+        self._outcome, self._over = {}, (False, False)
+        return super().reset(seed=seed, options=options)
+
+    def evaluate(self) -> dict[str, torch.Tensor]:
+        """The last decision's outcome as named tensors, for reward, observation and info alike."""
+        return dict(self._outcome)
+
+    def compute_sparse_reward(self, obs: Any, action: Any, info: dict[str, Any]) -> torch.Tensor:
+        """R = Σ_k w_k r_k, ``[1]``."""
+        return (info["reward_components"] * self.weights).sum(-1)
+
+    def step(self, action: Any) -> tuple[Any, torch.Tensor, torch.Tensor, torch.Tensor, dict[str, Any]]:
+        """One decision: the primitive runs at the point ``action`` ``[3]`` (world, m) to its end."""
+        observation, reward, _, _, info = super().step(action)
+        terminated, truncated = (torch.tensor([flag]) for flag in self._over)
+        return observation, reward, terminated, truncated, info
