@@ -1,0 +1,115 @@
+"""From calibrated RGB-D images to one orthographic map of colour and height, and back from its pixels to metres. Pure torch.
+
+The map follows Ravens (Zeng et al., 2020): a point belongs to the cell ``floor((p - p_min) / pixel_size)``; rows run along the second
+world axis, columns along the first; the highest point of a cell wins; height counts from the floor of the bounds; a cell that no
+camera saw is 0 high and black. One departure: where cameras disagree, the cell takes the colour of the point that won the height
+(Ravens averages the cameras' colours, which bleeds at occlusion edges).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+
+@dataclass(frozen=True)
+class PixelGrid:
+    """The workspace cut into square cells.
+
+    Args:
+        bounds: ``[3, 2]``: lowest and highest x, y, z in world metres, as nested tuples.
+        pixel_size: edge of a cell in metres.
+    """
+
+    bounds: tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
+    pixel_size: float
+
+    def __init__(self, bounds: Sequence[Sequence[float]] | Tensor, pixel_size: float) -> None:
+        rows = tuple((float(low), float(high)) for low, high in bounds)
+        if len(rows) != 3 or any(low >= high for low, high in rows):
+            raise ValueError(f"bounds must be three (low, high) pairs with low < high, not {rows}")
+        if not pixel_size > 0:
+            raise ValueError(f"pixel_size must be above 0 m, not {pixel_size}")
+        object.__setattr__(self, "bounds", rows)
+        object.__setattr__(self, "pixel_size", float(pixel_size))
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """``(H, W)``: cells along y and along x."""
+        (x0, x1), (y0, y1), _ = self.bounds
+        return round((y1 - y0) / self.pixel_size), round((x1 - x0) / self.pixel_size)
+
+    def to_pixel(self, points: Tensor) -> Tensor:
+        """World points ``[..., ≥2]`` (m) to the ``[..., 2]`` int64 (row, column) of the cells they lie in; may fall outside the map."""
+        (x0, _), (y0, _), _ = self.bounds
+        column = ((points[..., 0] - x0) / self.pixel_size).floor()
+        row = ((points[..., 1] - y0) / self.pixel_size).floor()
+        return torch.stack((row, column), dim=-1).long()
+
+    def to_point(self, pixel: Tensor, height: Tensor) -> Tensor:
+        """Cells ``[..., 2]`` (row, column) with their map heights ``[...]`` (m) to world points ``[..., 3]`` at the cells' centres."""
+        (x0, _), (y0, _), (z0, _) = self.bounds
+        x = x0 + (pixel[..., 1] + 0.5) * self.pixel_size
+        y = y0 + (pixel[..., 0] + 0.5) * self.pixel_size
+        return torch.stack((x, y, height + z0), dim=-1)
+
+
+def unproject(depth: Tensor, intrinsics: Tensor, camera_to_world: Tensor) -> Tensor:
+    """Depth images ``[N, h, w]`` (m along the optical axis) to world points ``[N, h, w, 3]`` (m).
+
+    Camera axes: x right, y down, z forward; pixel (u, v) is the ray through ((u - cx) / fx, (v - cy) / fy, 1).
+    """
+    _, h, w = depth.shape
+    v = torch.arange(h, dtype=depth.dtype, device=depth.device).view(1, h, 1)
+    u = torch.arange(w, dtype=depth.dtype, device=depth.device).view(1, 1, w)
+    fx, fy, cx, cy = (intrinsics[:, i, j, None, None] for i, j in ((0, 0), (1, 1), (0, 2), (1, 2)))
+    rotation, translation = camera_to_world[:, :3, :3], camera_to_world[:, :3, 3]
+    points = torch.stack(((u - cx) / fx * depth, (v - cy) / fy * depth, depth), dim=-1)
+    return torch.einsum("nij,nhwj->nhwi", rotation, points) + translation[:, None, None]
+
+
+def heightmap(color: Tensor, depth: Tensor, intrinsics: Tensor, camera_to_world: Tensor, grid: PixelGrid) -> Tensor:
+    """Fuses N calibrated RGB-D images into one orthographic map.
+
+    Args:
+        color: ``[N, h, w, 3]`` uint8.
+        depth: ``[N, h, w]`` metres along the optical axis.
+        intrinsics: ``[N, 3, 3]``, pixels.
+        camera_to_world: ``[N, 4, 4]``; camera axes x right, y down, z forward.
+        grid: the cells to fill.
+
+    Returns:
+        ``[4, H, W]`` float32: red, green, blue (0–255) and height (m) above ``grid``'s floor; all 0 where nothing was seen.
+
+    Raises:
+        ValueError: if the shapes do not belong together.
+    """
+    if color.shape != (*depth.shape, 3) or intrinsics.shape != (len(depth), 3, 3) or camera_to_world.shape != (len(depth), 4, 4):
+        raise ValueError(
+            "heightmap needs color [N,h,w,3], depth [N,h,w], intrinsics [N,3,3], camera_to_world [N,4,4], not "
+            f"{[tuple(t.shape) for t in (color, depth, intrinsics, camera_to_world)]}"
+        )
+    depth = depth.float()
+    points = unproject(depth, intrinsics.to(depth), camera_to_world.to(depth)).reshape(-1, 3)
+    low, high = torch.tensor(grid.bounds, dtype=depth.dtype, device=depth.device).T
+    inside = ((points >= low) & (points < high)).all(-1).nonzero().squeeze(-1)
+    points = points[inside]
+
+    rows, columns = grid.shape
+    row, column = grid.to_pixel(points).unbind(-1)
+    cell = row.clamp_(max=rows - 1) * columns + column.clamp_(max=columns - 1)
+    z = points[:, 2] - low[2]
+
+    height = torch.zeros(rows * columns, dtype=depth.dtype, device=depth.device).scatter_reduce_(0, cell, z, "amax", include_self=False)
+    # The smallest id among the points that reach the maximum: one winner per cell, whatever the order of the scatter.
+    winners = (z == height[cell]).nonzero().squeeze(-1)
+    none = len(points)
+    winner = torch.full((rows * columns,), none, device=depth.device).scatter_reduce_(0, cell[winners], winners, "amin")
+    seen = winner < none
+    fused = torch.zeros(4, rows * columns, dtype=torch.float32, device=depth.device)
+    fused[:3, seen] = color.reshape(-1, 3)[inside[winner[seen]]].T.float()
+    fused[3] = height
+    return fused.view(4, rows, columns)

@@ -1,0 +1,82 @@
+"""The Q-Maps: one U-Net per reward component, their weighted sum, and the values at an action."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import torch
+from tensordict import TensorDictBase
+from tensordict.nn import TensorDictModuleBase
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+from xqmap import keys
+from xqmap.models.unet import LocalGeometry, UNet
+
+
+class QMaps(TensorDictModuleBase):
+    """K separate U-Nets behind one fixed stem: heightmap in, one Q-Map per component out (X-QMap, Lu et al. 2023, section III).
+
+    Reads ``heightmap`` ``[*, 4, H, W]`` and, where it is there, ``action`` ``[*]``. Writes ``component_action_value`` ``[*, K, A]``,
+    ``action_value`` ``[*, A]`` = Σ_k w_k Q_k, and for a given action ``chosen_component_value`` ``[*, K]`` and
+    ``chosen_action_value`` ``[*, 1]``.
+
+    Args:
+        components: names of the K components; the order of every K axis.
+        stem: the geometry computed from the heightmap.
+        unet: builds one U-Net from its number of input channels.
+        weights: w_k in the order of ``components``; 1 each when not given.
+    """
+
+    def __init__(
+        self, components: Sequence[str], stem: LocalGeometry, unet: Callable[[int], UNet], weights: Sequence[float] | None = None
+    ) -> None:
+        super().__init__()
+        self.in_keys = [keys.HEIGHTMAP]
+        self.out_keys = [keys.COMPONENT_ACTION_VALUE, keys.ACTION_VALUE]
+        self.components = tuple(components)
+        self.stem = stem
+        # A list, so that no component's name can clash with a module's own attributes.
+        self.unets = nn.ModuleList(unet(stem.channels) for _ in self.components)
+        weight = torch.ones(len(self.components)) if weights is None else torch.tensor([float(w) for w in weights])
+        if len(weight) != len(self.components):
+            raise ValueError(f"{len(weight)} weights for the {len(self.components)} components {self.components}")
+        self.register_buffer("weights", weight)
+
+    @property
+    def stride(self) -> int:
+        """The pooling grid: a window must start at a multiple of it."""
+        return 2 ** max(unet.depth for unet in self._unets())
+
+    @property
+    def radius(self) -> int:
+        """How many cells to each side of a cell its values depend on."""
+        return max(unet.radius for unet in self._unets()) + self.stem.radius
+
+    def _unets(self) -> list[UNet]:
+        return [unet for unet in self.unets if isinstance(unet, UNet)]
+
+    def maps(self, heightmap: Tensor) -> Tensor:
+        """``[B, 4, H, W]`` → the Q-Maps ``[B, K, H, W]``; sizes that the poolings do not divide are padded with empty cells."""
+        rows, columns = heightmap.shape[-2:]
+        # Centimetres between metres: the stem never runs in reduced precision.
+        with torch.no_grad(), torch.autocast(heightmap.device.type, enabled=False):
+            padded = F.pad(heightmap, (0, -columns % self.stride, 0, -rows % self.stride))
+            image = self.stem(padded).contiguous(memory_format=torch.channels_last)
+        return torch.cat([unet(image) for unet in self.unets], dim=1)[..., :rows, :columns]
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Writes the maps, their sum, and the values at ``action`` where there is one."""
+        image = tensordict.get(keys.HEIGHTMAP)
+        lead = image.shape[:-3]
+        maps = self.maps(image.reshape(-1, *image.shape[-3:])).float()
+        values = maps.reshape(*lead, len(self.components), -1)
+        total = (values * self.weights[:, None]).sum(-2)
+        tensordict.set(keys.COMPONENT_ACTION_VALUE, values)
+        tensordict.set(keys.ACTION_VALUE, total)
+        action = tensordict.get(keys.ACTION, None)
+        if action is not None:
+            chosen = values.gather(-1, action[..., None, None].expand(*values.shape[:-1], 1)).squeeze(-1)
+            tensordict.set(keys.CHOSEN_COMPONENT_VALUE, chosen)
+            tensordict.set(keys.CHOSEN_ACTION_VALUE, total.gather(-1, action[..., None]))
+        return tensordict

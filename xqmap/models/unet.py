@@ -1,0 +1,122 @@
+"""A fully convolutional U-Net (Ronneberger et al., 2015) from a heightmap to one value per cell, and the geometry it sees first."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+# One level's two 3 × 3 convolutions see this many cells of that level to each side.
+CONVS_PER_LEVEL = 2
+
+
+class LocalGeometry(nn.Module):
+    """Turns a raw heightmap into what matters near a cell: colour, height, and the plane that fits its neighbourhood.
+
+    A raw height in metres hides a slope of a few centimetres between cells, so a plain network never learns flatness. As HHA
+    encodings of RGB-D images do (Gupta et al., 2014), the stem adds geometry computed from the same heights: for each window, the
+    least-squares plane's slope and the residual around it (high at edges), and the height relative to the surroundings. All are
+    invariant under turning and mirroring the map. No parameters are learned here.
+
+    Args:
+        pixel_size: edge of a cell in metres.
+        height_scale: the height (m) that counts as 1.
+        plane_windows: odd edge lengths of the plane fits, in cells.
+        surroundings: odd edge length, in cells, of the mean that heights are taken relative to.
+        slope_scale: the slope (degrees) that counts as 1; slopes are cut at four times it.
+
+    Shapes: ``[B, 4, H, W]`` (0–255 and metres) → ``[B, channels, H, W]``, about unit scale.
+    """
+
+    def __init__(self, pixel_size: float, height_scale: float, plane_windows: list[int], surroundings: int, slope_scale: float) -> None:
+        super().__init__()
+        for edge in (*plane_windows, surroundings):
+            if edge < 3 or edge % 2 == 0:
+                raise ValueError(f"qnet.plane_windows and qnet.surroundings must be odd numbers of cells from 3 on, not {edge}")
+        self.pixel_size, self.height_scale, self.slope_scale = pixel_size, height_scale, slope_scale
+        self.plane_windows, self.surroundings = list(plane_windows), surroundings
+        for edge in self.plane_windows:
+            cells = edge * edge
+            # One kernel per neighbour: its height less the cell's own, which keeps the squares below free of cancellation.
+            neighbours = torch.eye(cells).view(cells, 1, edge, edge)
+            neighbours[:, :, edge // 2, edge // 2] -= 1
+            offset = torch.arange(edge, dtype=torch.float32) - edge // 2
+            rise = (offset / (edge * offset.square().sum())).expand(edge, edge)
+            self.register_buffer(f"neighbours{edge}", neighbours, persistent=False)
+            self.register_buffer(f"plane{edge}", torch.stack((rise, rise.T)).reshape(2, cells, 1, 1), persistent=False)
+
+    @property
+    def radius(self) -> int:
+        """How many cells to each side an output cell depends on."""
+        return max((*self.plane_windows, self.surroundings)) // 2
+
+    @property
+    def channels(self) -> int:
+        """Output channels: colour 3, height, relative height, and slope and residual of each plane window."""
+        return 5 + 2 * len(self.plane_windows)
+
+    def forward(self, heightmap: Tensor) -> Tensor:
+        """``[B, 4, H, W]`` → ``[B, channels, H, W]``."""
+        color, height = heightmap[:, :3] / 127.5 - 1, heightmap[:, 3:]
+        channels = [color, height / self.height_scale, (height - _mean(height, self.surroundings)) / self.height_scale]
+        for edge in self.plane_windows:
+            neighbours, plane = getattr(self, f"neighbours{edge}"), getattr(self, f"plane{edge}")
+            rises = F.conv2d(F.pad(height, (edge // 2,) * 4, mode="replicate"), neighbours) / self.pixel_size
+            steepness = F.conv2d(rises, plane).square().sum(1, keepdim=True)
+            slope = torch.rad2deg(torch.atan(steepness.sqrt())) / self.slope_scale
+            unexplained = rises.var(1, keepdim=True, correction=0) - steepness * (edge**2 - 1) / 12
+            # Residuals, in cells, are small numbers: ten times them is of the order of the other channels.
+            channels += [slope.clamp_max(4.0), (10 * unexplained.clamp_min(0).sqrt()).clamp_max(4.0)]
+        return torch.cat(channels, dim=1)
+
+
+def _mean(image: Tensor, edge: int) -> Tensor:
+    return F.avg_pool2d(F.pad(image, (edge // 2,) * 4, mode="replicate"), edge, stride=1)
+
+
+class UNet(nn.Module):
+    """Encoder and decoder with skip connections; no normalisation over the image, so a value depends on a window around its cell only.
+
+    Args:
+        in_channels: channels of the input.
+        width: channels of the first level; each level below has twice as many.
+        depth: number of poolings; H and W must be multiples of 2 ** depth.
+
+    Shapes: ``[B, in_channels, H, W]`` → ``[B, 1, H, W]``.
+    """
+
+    def __init__(self, in_channels: int, width: int, depth: int) -> None:
+        super().__init__()
+        widths = [width * 2**level for level in range(depth + 1)]
+        self.depth = depth
+        self.encoder = nn.ModuleList(_block(a, b) for a, b in zip([in_channels, *widths[:-1]], widths, strict=True))
+        self.decoder = nn.ModuleList(_block(widths[i + 1] + widths[i], widths[i]) for i in reversed(range(depth)))
+        self.head = nn.Conv2d(width, 1, kernel_size=1)
+
+    @property
+    def radius(self) -> int:
+        """How many cells to each side an output cell depends on, from the convolutions and poolings that are there."""
+        deepest = CONVS_PER_LEVEL * 2**self.depth
+        # Each pooling sees up to one cell of the finer level besides its own; nearest upsampling looks at the cell's own parent.
+        return deepest + sum(2 * CONVS_PER_LEVEL * 2**level + 2**level for level in range(self.depth))
+
+    def forward(self, image: Tensor) -> Tensor:
+        """``[B, in_channels, H, W]`` → ``[B, 1, H, W]``."""
+        skips = []
+        for level, block in enumerate(self.encoder):
+            image = block(image if level == 0 else F.max_pool2d(image, 2))
+            skips.append(image)
+        skips.pop()
+        for block in self.decoder:
+            skip = skips.pop()
+            image = block(torch.cat((F.interpolate(image, size=skip.shape[-2:], mode="nearest"), skip), dim=1))
+        # The last step in full precision: a value near 1 in bfloat16 is only good to half a percent.
+        with torch.autocast(image.device.type, enabled=False):
+            return self.head(image.float())
+
+
+def _block(in_channels: int, out_channels: int) -> nn.Sequential:
+    layers: list[nn.Module] = []
+    for i in range(CONVS_PER_LEVEL):
+        layers += [nn.Conv2d(in_channels if i == 0 else out_channels, out_channels, 3, padding=1), nn.ReLU()]
+    return nn.Sequential(*layers)

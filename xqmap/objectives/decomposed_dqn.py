@@ -1,0 +1,241 @@
+"""Temporal differences per reward component, with one argmax for all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import torch
+from tensordict import TensorDict, TensorDictBase
+from tensordict.nn import TensorDictModuleBase, TensorDictParams, dispatch
+from tensordict.utils import NestedKey
+from torch import Tensor
+from torchrl.objectives.common import LossModule
+from torchrl.objectives.utils import ValueEstimators, default_value_kwargs, distance_loss
+from torchrl.objectives.value import TD0Estimator, TD1Estimator, TDLambdaEstimator, ValueEstimatorBase
+
+from xqmap.models.policy import masked_argmax
+from xqmap.objectives.windows import can_window, crop
+
+
+class DecomposedDQNLoss(LossModule):
+    """Double DQN on K reward components that share one greedy action (X-QMap, Lu et al. 2023, arXiv:2304.12958, equations 3–5).
+
+    a⁺ = argmax_a' Σ_k w_k Q_k(s', a') by the online nets; y_k = r_k + γ (1 − terminated) Q̄_k(s', a⁺) by the target nets; the loss is
+    Σ_k d(Q_k(s, a), y_k) over one batch for all k. All Q_k then value one policy. With K = 1 this is double DQN exactly.
+
+    Args:
+        value_network: writes ``component_action_value`` ``[B, K, A]`` and ``action_value`` ``[B, A]``.
+
+    Keyword Args:
+        components: names of the K components; the outputs are ``loss_<component>``.
+        double_dqn: the online nets choose a⁺; otherwise the target nets do.
+        delay_value: keep target nets (copies moved by a torchrl target updater); otherwise the online nets are their own target.
+        loss_function: the distance d: ``"l1"``, ``"l2"`` or ``"smooth_l1"``.
+        shared_argmax: False lets each component assume its own greedy future, y_k = r_k + γ max_a' Q̄_k(s', a'), as in HRA
+            (van Seijen et al. 2017). The bars of such an agent value K different policies: a contrast, not an explanation.
+        windowed: compute values and gradients on the receptive-field window of each action only: same numbers, less work.
+        reduction: ``"mean"``, ``"sum"`` or ``"none"`` over the batch.
+
+    Raises:
+        ValueError: if ``windowed`` is asked of a network that does not state its radius or normalises over the image.
+
+    Examples:
+        >>> loss = DecomposedDQNLoss(qmaps, components=("flatness", "color"))
+        >>> loss.make_value_estimator(gamma=0.9)
+        >>> losses = loss(batch)  # {"loss_flatness": ..., "loss_color": ..., "td_error_flatness": ..., ...}
+        >>> sum(value for name, value in losses.items() if name.startswith("loss_")).backward()
+    """
+
+    @dataclass
+    class _AcceptedKeys:
+        """The keys that ``set_keys`` can change.
+
+        Attributes:
+            heightmap: the observation that windows are cut from.
+            action: the action taken, row · W + column.
+            action_mask: optional, the cells that a⁺ may be chosen from.
+            component_action_value: the Q-Maps.
+            action_value: their weighted sum.
+            reward: K rewards per step (with K = 1 the summed one does).
+            done: end of a trajectory.
+            terminated: end of an episode: nothing to bootstrap from.
+            steps_to_next_obs: written by n-step transforms.
+            priority: written by the loss: Σ_k |δ_k|, for prioritised replay.
+        """
+
+        heightmap: NestedKey = "heightmap"
+        action: NestedKey = "action"
+        action_mask: NestedKey = "action_mask"
+        component_action_value: NestedKey = "component_action_value"
+        action_value: NestedKey = "action_value"
+        reward: NestedKey = "reward_components"
+        done: NestedKey = "done"
+        terminated: NestedKey = "terminated"
+        steps_to_next_obs: NestedKey = "steps_to_next_obs"
+        priority: NestedKey = "td_error"
+
+    tensor_keys: _AcceptedKeys
+    default_keys = _AcceptedKeys
+    default_value_estimator = ValueEstimators.TD0
+
+    value_network: TensorDictModuleBase
+    value_network_params: TensorDictParams
+    target_value_network_params: TensorDictParams
+
+    def __init__(
+        self,
+        value_network: TensorDictModuleBase,
+        *,
+        components: Sequence[str],
+        double_dqn: bool = True,
+        delay_value: bool = True,
+        loss_function: Literal["l1", "l2", "smooth_l1"] = "smooth_l1",
+        shared_argmax: bool = True,
+        windowed: bool = False,
+        reduction: Literal["mean", "sum", "none"] = "mean",
+    ) -> None:
+        self._in_keys = None
+        self._out_keys = None
+        super().__init__()
+        if windowed and not can_window(value_network):
+            raise ValueError(
+                "loss.windowed=true needs a network that states its radius and stride and has no normalisation over the image; "
+                "set loss.windowed=false"
+            )
+        self.components = tuple(components)
+        self.double_dqn = double_dqn
+        self.delay_value = delay_value
+        self.loss_function = loss_function
+        self.shared_argmax = shared_argmax
+        self.windowed = windowed
+        self.reduction = reduction
+        self.convert_to_functional(value_network, "value_network", create_target_params=delay_value)
+
+    def _forward_value_estimator_keys(self, **kwargs: NestedKey) -> None:
+        if self._value_estimator is not None:
+            self._value_estimator.set_keys(
+                reward=self.tensor_keys.reward, done=self.tensor_keys.done, terminated=self.tensor_keys.terminated
+            )
+        self._in_keys = None
+
+    @property
+    def in_keys(self) -> list[NestedKey]:
+        """What a call by keyword needs."""
+        if self._in_keys is None:
+            k = self.tensor_keys
+            following = [*self.value_network.in_keys, k.reward, k.done, k.terminated]
+            self._in_keys = [k.action, *self.value_network.in_keys, *((("next", key) if isinstance(key, str) else ("next", *key)) for key in following)]
+        return self._in_keys
+
+    @in_keys.setter
+    def in_keys(self, values: list[NestedKey]) -> None:
+        self._in_keys = values
+
+    @property
+    def out_keys(self) -> list[str]:
+        """``loss_<component>``, then ``td_error_<component>`` and ``value_<component>`` (means, without gradient)."""
+        if self._out_keys is None:
+            self._out_keys = [f"{kind}_{name}" for kind in ("loss", "td_error", "value") for name in self.components]
+        return self._out_keys
+
+    @out_keys.setter
+    def out_keys(self, values: list[str]) -> None:
+        self._out_keys = values
+
+    def make_value_estimator(self, value_type: ValueEstimators | None = None, **hyperparams: float) -> None:
+        """Chooses how returns are estimated: TD(0) by default (with n-step batches too), TD(1) or TD(λ).
+
+        Args:
+            value_type: ``ValueEstimators.TD0``, ``TD1`` or ``TDLambda``.
+            hyperparams: ``gamma``, ``lmbda``.
+        """
+        value_type = value_type or self.default_value_estimator
+        estimators: dict[ValueEstimators, type[ValueEstimatorBase]] = {
+            ValueEstimators.TD0: TD0Estimator,
+            ValueEstimators.TD1: TD1Estimator,
+            ValueEstimators.TDLambda: TDLambdaEstimator,
+        }
+        if value_type not in estimators:
+            raise NotImplementedError(f"{value_type} is not an estimator for Q-values; use TD0, TD1 or TDLambda")
+        self.value_type = value_type
+        settings = dict(default_value_kwargs(value_type)) | hyperparams
+        self._value_estimator = estimators[value_type](**settings, value_network=None)
+        self._value_estimator.set_keys(
+            value=self.tensor_keys.component_action_value,
+            reward=self.tensor_keys.reward,
+            done=self.tensor_keys.done,
+            terminated=self.tensor_keys.terminated,
+            steps_to_next_obs=self.tensor_keys.steps_to_next_obs,
+        )
+
+    @dispatch
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """The loss of a batch of transitions.
+
+        Args:
+            tensordict: ``[B]`` transitions: the network's input, ``action`` ``[B]``, and under ``"next"`` the network's input, ``reward_components``
+                ``[B, K]``, ``done`` and ``terminated`` ``[B, 1]``. Gets ``td_error`` ``[B]`` written, nothing else.
+
+        Returns:
+            A TensorDict of ``loss_<component>``, ``td_error_<component>`` (mean |δ_k|) and ``value_<component>`` (mean Q_k(s, a)).
+        """
+        action = tensordict.get(self.tensor_keys.action)
+        value = self._values(tensordict, action, self.value_network_params)
+        with torch.no_grad():
+            target = self._targets(tensordict)
+        error = (target - value.detach()).abs()
+        tensordict.set(self.tensor_keys.priority, error.sum(-1))
+        loss = distance_loss(value, target, self.loss_function)
+        out: dict[str, Tensor] = {}
+        for k, name in enumerate(self.components):
+            column = loss[..., k]
+            out[f"loss_{name}"] = column.mean() if self.reduction == "mean" else column.sum() if self.reduction == "sum" else column
+            out[f"td_error_{name}"] = error[..., k].mean()
+            out[f"value_{name}"] = value.detach()[..., k].mean()
+        self._clear_weakrefs(tensordict, "value_network_params", "target_value_network_params")
+        return TensorDict(out)
+
+    def _network(self, tensordict: TensorDictBase, params: TensorDictParams) -> TensorDictBase:
+        with params.to_module(self.value_network):
+            return self.value_network(tensordict.select(*self.value_network.in_keys))
+
+    def _values(self, tensordict: TensorDictBase, action: Tensor, params: TensorDictParams) -> Tensor:
+        """``[B, K]``: Q_k at the actions ``[B]``."""
+        if self.windowed:
+            key = self.tensor_keys.heightmap
+            image, action = crop(tensordict.get(key), action, self.value_network.radius, self.value_network.stride)
+            tensordict = TensorDict({}, batch_size=tensordict.batch_size).set(key, image)
+        maps = self._network(tensordict, params).get(self.tensor_keys.component_action_value)
+        return maps.gather(-1, action[..., None, None].expand(*maps.shape[:-1], 1)).squeeze(-1)
+
+    def _targets(self, tensordict: TensorDictBase) -> Tensor:
+        """``[B, K]``: y_k. Next states after which nothing comes are not looked at."""
+        following = tensordict.get("next")
+        reward = following.get(self.tensor_keys.reward)
+        terminated = following.get(self.tensor_keys.terminated)
+        future = reward.new_zeros(reward.shape)
+        goes_on = ~terminated.reshape(reward.shape[:-1])
+        if self._value_estimator is None:
+            self.make_value_estimator()
+        if bool(goes_on.any()) and float(self._value_estimator.gamma) > 0:
+            future[goes_on] = self._future(following[goes_on]).to(future)
+        batch = tensordict.select(("next", self.tensor_keys.reward))
+        for key in (self.tensor_keys.done, self.tensor_keys.terminated):
+            batch.set(("next", key), following.get(key).expand_as(reward))
+        steps = tensordict.get(self.tensor_keys.steps_to_next_obs, None)
+        if steps is not None:
+            batch.set(self.tensor_keys.steps_to_next_obs, steps.expand_as(reward))
+        return self.value_estimator.value_estimate(batch, next_value=future)
+
+    def _future(self, following: TensorDictBase) -> Tensor:
+        """``[B, K]``: Q̄_k(s', a⁺), or max_a' Q̄_k(s', a') without the shared argmax."""
+        mask = following.get(self.tensor_keys.action_mask, None)
+        target = self.target_value_network_params
+        if not self.shared_argmax:
+            maps = self._network(following, target).get(self.tensor_keys.component_action_value)
+            return maps.gather(-1, masked_argmax(maps, None if mask is None else mask[..., None, :])[..., None]).squeeze(-1)
+        chooser = self.value_network_params if self.double_dqn else target
+        best = masked_argmax(self._network(following, chooser).get(self.tensor_keys.action_value), mask)
+        return self._values(following, best, target)
