@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -25,7 +26,7 @@ class SceneObject:
 class DecisionEnv(BaseEnv):
     """A world in which an action is a 3-D point and a step runs a motion primitive there, to its end.
 
-    A task gives ``REWARD_COMPONENTS``, ``BACKGROUND``, ManiSkill's usual hooks (``_load_scene``, ``_initialize_episode``,
+    A task gives ``REWARD_COMPONENTS``, ``BACKGROUND``, ``METRICS``, ManiSkill's usual hooks (``_load_scene``, ``_initialize_episode``,
     ``_default_sensor_configs``) and four methods of its own: :meth:`run_primitive`, :meth:`highest_reward`, :meth:`scene_objects` and
     :meth:`oracle_point`.
 
@@ -37,10 +38,12 @@ class DecisionEnv(BaseEnv):
 
     REWARD_COMPONENTS: tuple[str, ...] = ()
     BACKGROUND: str = "ground"
+    METRICS: tuple[str, ...] = ()
     SUPPORTED_REWARD_MODES = ("sparse", "none")
 
     def __init__(self, *, weights: Mapping[str, float] | None = None, render_backend: str = "auto", **kwargs: Any) -> None:
         self.weights = torch.tensor([float((weights or {}).get(name, 1.0)) for name in self.REWARD_COMPONENTS])
+        self.seconds = {"simulate": 0.0, "render": 0.0}
         self._outcome: dict[str, torch.Tensor] = {}
         self._over = (False, False)
         if render_backend == "auto":
@@ -57,7 +60,7 @@ class DecisionEnv(BaseEnv):
         """Runs the motion at ``point`` ``[3]`` (m) with :meth:`control_step`.
 
         Returns:
-            The sub-rewards r_k in [0, 1] by component name, and further numbers worth logging, by name.
+            The sub-rewards r_k in [0, 1] by component name, and the numbers that ``METRICS`` names.
         """
         raise NotImplementedError
 
@@ -89,21 +92,33 @@ class DecisionEnv(BaseEnv):
 
     def _step_action(self, action: Any) -> torch.Tensor:
         point = np.asarray(action, dtype=np.float64).reshape(3)
+        start = time.perf_counter()
         available = self.highest_reward()
-        components, extra = self.run_primitive(point)
+        components, metrics = self.run_primitive(point)
         values = torch.tensor([[float(components[name]) for name in self.REWARD_COMPONENTS]])
         self._over = self.episode_over()
         self._outcome = {
             "reward_components": values,
             "reward_available": torch.tensor([available], dtype=torch.float32),
-            **{name: torch.tensor([float(value)]) for name, value in extra.items()},
+            **{name: torch.tensor([float(value)]) for name, value in metrics.items()},
         }
+        self.seconds["simulate"] += time.perf_counter() - start
         return torch.as_tensor(point, dtype=torch.float32)[None]
 
     def reset(self, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """A new scene (ManiSkill's reset); no outcome of an earlier decision survives it."""
         self._outcome, self._over = {}, (False, False)
-        return super().reset(seed=seed, options=options)
+        start, rendered = time.perf_counter(), self.seconds["render"]
+        result = super().reset(seed=seed, options=options)
+        self.seconds["simulate"] += time.perf_counter() - start - (self.seconds["render"] - rendered)
+        return result
+
+    def get_obs(self, *args: Any, **kwargs: Any) -> Any:
+        """ManiSkill's observation: the cameras' images and calibration."""
+        start = time.perf_counter()
+        observation = super().get_obs(*args, **kwargs)
+        self.seconds["render"] += time.perf_counter() - start
+        return observation
 
     def evaluate(self) -> dict[str, torch.Tensor]:
         """The last decision's outcome as named tensors, for reward, observation and info alike."""

@@ -34,6 +34,8 @@ class Task(Protocol):
     Attributes:
         REWARD_COMPONENTS: the names of the K sub-rewards, in the order of every ``[..., K]`` tensor.
         BACKGROUND: the name of what lies where no object is (``"ground"``, ``"table"``).
+        METRICS: names of further numbers in every ``info``, each ``[1]`` float, worth logging (``landing_offset_m``).
+        seconds: wall-clock spent so far, by activity (``simulate``, ``render``).
 
     ``reset`` and ``step`` return ManiSkill's own observation (``sensor_data`` with ``rgb`` and ``depth`` per camera, ``sensor_param`` with
     ``intrinsic_cv`` and ``extrinsic_cv``). ``step`` takes the point ``[3]`` in world metres; its ``info`` carries
@@ -46,6 +48,8 @@ class Task(Protocol):
 
     REWARD_COMPONENTS: tuple[str, ...]
     BACKGROUND: str
+    METRICS: tuple[str, ...]
+    seconds: dict[str, float]
 
     @property
     def workspace_bounds(self) -> np.ndarray:

@@ -1,0 +1,142 @@
+"""A ManiSkill world as a torchrl environment: heightmaps in, pixels out, rewards by component."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import torch
+from tensordict import TensorDict, TensorDictBase
+from torch import Tensor
+from torchrl.data import Binary, Categorical, Composite, Unbounded
+from torchrl.envs import EnvBase
+
+from xqmap import keys
+from xqmap.envs.heightmap import PixelGrid, heightmap
+from xqmap.envs.protocol import Task
+
+
+class ManiSkillEnv(EnvBase):
+    """One decision per step: the action is a cell of the heightmap, the task's primitive runs at the 3-D point behind it.
+
+    Args:
+        make_task: builds the world; called here, so that the environment can be sent to a worker process before it exists.
+        first_scene: seed of the first scene; each reset that is not told otherwise takes the next one.
+
+    Attributes:
+        task: the world.
+        grid: the cells of the present heightmap in world metres.
+        scene_seed: seed of the present scene.
+        seconds: wall-clock spent so far, by activity (``simulate``, ``render``, ``fuse``).
+    """
+
+    def __init__(self, make_task: Callable[[], Task], first_scene: int = 0) -> None:
+        super().__init__(device=torch.device("cpu"), batch_size=torch.Size([]))
+        self.task = make_task()
+        self.components = tuple(self.task.REWARD_COMPONENTS)
+        self.metric_names = tuple(self.task.METRICS)
+        self.next_scene = first_scene
+        self.scene_seed = first_scene
+        self._fuse_seconds = 0.0
+        self.grid = self._grid()
+        self._heightmap = torch.zeros(4, *self.grid.shape)
+        cells = self.grid.shape[0] * self.grid.shape[1]
+        count = len(self.components)
+        self.observation_spec = Composite(
+            {
+                keys.HEIGHTMAP: Unbounded((4, *self.grid.shape), dtype=torch.float32),
+                keys.ACTION_MASK: Binary(cells, (cells,), dtype=torch.bool),
+                keys.REWARD_COMPONENTS: Unbounded((count,), dtype=torch.float32),
+                keys.REWARD_AVAILABLE: Unbounded((1,), dtype=torch.float32),
+                **{name: Unbounded((1,), dtype=torch.float32) for name in self.metric_names},
+            }
+        )
+        self.action_spec = Categorical(cells, (), dtype=torch.int64)
+        self.reward_spec = Unbounded((1,), dtype=torch.float32)
+        self.done_spec = Composite({name: Binary(1, (1,), dtype=torch.bool) for name in (keys.DONE, keys.TERMINATED, keys.TRUNCATED)})
+
+    @property
+    def seconds(self) -> dict[str, float]:
+        """Wall-clock seconds spent so far in simulating, rendering and fusing."""
+        return {**self.task.seconds, "fuse": self._fuse_seconds}
+
+    def point(self, action: int | Tensor) -> Tensor:
+        """``[3]``, world metres: the point behind the cell ``action`` of the present heightmap."""
+        columns = self.grid.shape[1]
+        row, column = divmod(int(action), columns)
+        return self.grid.to_point(torch.tensor([row, column]), self._heightmap[3, row, column])
+
+    def action_at(self, point: Any) -> int:
+        """The cell ``row · W + column`` nearest to the world point ``[≥2]`` (m)."""
+        rows, columns = self.grid.shape
+        row, column = self.grid.to_pixel(torch.as_tensor(np.asarray(point), dtype=torch.float64)).tolist()
+        return min(max(row, 0), rows - 1) * columns + min(max(column, 0), columns - 1)
+
+    def _grid(self) -> PixelGrid:
+        return PixelGrid(np.asarray(self.task.workspace_bounds).tolist(), self.task.pixel_size)
+
+    def _observe(self, observation: dict[str, Any]) -> dict[str, Tensor]:
+        start = time.perf_counter()
+        self.grid = self._grid()
+        images, parameters = observation["sensor_data"], observation["sensor_param"]
+        names = list(images)
+        color = torch.cat([torch.as_tensor(images[name]["rgb"]) for name in names])
+        depth = torch.cat([torch.as_tensor(images[name]["depth"]) for name in names])[..., 0]
+        metres = depth.float() / 1000 if depth.dtype == torch.int16 else depth.float()
+        intrinsics = torch.cat([torch.as_tensor(parameters[name]["intrinsic_cv"]) for name in names]).float()
+        world_to_camera = torch.cat([torch.as_tensor(parameters[name]["extrinsic_cv"]) for name in names]).float()
+        fused = heightmap(color[..., :3], metres, intrinsics, _inverse(world_to_camera), self.grid)
+        # Rounded as the replay buffer stores it, so that the policy learns from what it sees.
+        fused[3] = fused[3].half().float()
+        if not bool(fused.isfinite().all()):
+            raise RuntimeError("the heightmap holds NaN or infinite values: a camera or its calibration is broken")
+        self._heightmap = fused
+        cells = np.stack(np.meshgrid(*map(np.arange, self.grid.shape), indexing="ij"), axis=-1).reshape(-1, 2)
+        points = self.grid.to_point(torch.from_numpy(cells), fused[3].reshape(-1)).numpy()
+        seen = (fused != 0).any(0).reshape(-1)
+        mask = seen & torch.as_tensor(np.asarray(self.task.reachable(points)), dtype=torch.bool)
+        self._fuse_seconds += time.perf_counter() - start
+        return {keys.HEIGHTMAP: fused, keys.ACTION_MASK: mask}
+
+    def _reset(self, tensordict: TensorDictBase | None = None, **kwargs: Any) -> TensorDictBase:
+        self.scene_seed, self.next_scene = self.next_scene, self.next_scene + 1
+        observation, _ = self.task.reset(seed=self.scene_seed)
+        blank = {name: torch.zeros(1) for name in (keys.REWARD_AVAILABLE, *self.metric_names)}
+        return TensorDict({**self._observe(observation), keys.REWARD_COMPONENTS: torch.zeros(len(self.components)), **blank})
+
+    def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
+        point = self.point(tensordict[keys.ACTION])
+        observation, reward, terminated, truncated, info = self.task.step(point.numpy())
+        flags = {keys.TERMINATED: bool(terminated), keys.TRUNCATED: bool(truncated)}
+        return TensorDict(
+            {
+                **self._observe(observation),
+                keys.REWARD: torch.as_tensor(reward, dtype=torch.float32).reshape(1),
+                keys.REWARD_COMPONENTS: torch.as_tensor(info["reward_components"], dtype=torch.float32).reshape(-1),
+                keys.REWARD_AVAILABLE: torch.as_tensor(info["reward_available"], dtype=torch.float32).reshape(1),
+                **{name: torch.as_tensor(info[name], dtype=torch.float32).reshape(1) for name in self.metric_names},
+                **{name: torch.tensor([flag]) for name, flag in flags.items()},
+                keys.DONE: torch.tensor([any(flags.values())]),
+            }
+        )
+
+    def _set_seed(self, seed: int | None) -> None:
+        if seed is not None:
+            self.next_scene = seed
+
+    def close(self, *, raise_if_closed: bool = True) -> None:
+        """Frees the simulator."""
+        if not self.is_closed:
+            self.task.close()
+        super().close(raise_if_closed=raise_if_closed)
+
+
+def _inverse(world_to_camera: Tensor) -> Tensor:
+    """``[N, 3 or 4, 4]`` rigid transforms → their inverses ``[N, 4, 4]``."""
+    rotation, translation = world_to_camera[:, :3, :3], world_to_camera[:, :3, 3:]
+    inverse = torch.eye(4).repeat(len(world_to_camera), 1, 1)
+    inverse[:, :3, :3] = rotation.mT
+    inverse[:, :3, 3:] = -rotation.mT @ translation
+    return inverse
