@@ -8,7 +8,7 @@ from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 
 from xqmap import keys
-from xqmap.models.qmaps import QMaps
+from xqmap.models.qmaps import QMaps, write_chosen
 
 
 def masked_argmax(action_value: Tensor, mask: Tensor | None) -> Tensor:
@@ -41,13 +41,8 @@ class GreedyPolicy(TensorDictModuleBase):
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Draws the maps, takes the argmax, writes the values at it."""
         tensordict = self.qmaps(tensordict.exclude(keys.ACTION, inplace=True))
-        values, total = tensordict[keys.COMPONENT_ACTION_VALUE], tensordict[keys.ACTION_VALUE]
-        action = masked_argmax(total, tensordict.get(keys.ACTION_MASK, None))
-        tensordict.set(keys.ACTION, action)
-        tensordict.set(keys.CHOSEN_ACTION_VALUE, total.gather(-1, action[..., None]))
-        index = action[..., None, None].expand(*values.shape[:-1], 1)
-        tensordict.set(keys.CHOSEN_COMPONENT_VALUE, values.gather(-1, index).squeeze(-1))
-        return tensordict
+        tensordict.set(keys.ACTION, masked_argmax(tensordict[keys.ACTION_VALUE], tensordict.get(keys.ACTION_MASK, None)))
+        return write_chosen(tensordict)
 
 
 class EpsilonGreedy(TensorDictModuleBase):
@@ -66,8 +61,8 @@ class EpsilonGreedy(TensorDictModuleBase):
         self, eps_init: float, eps_end: float, annealing_frames: int, raised_share: float, raised_height: float, seed: int
     ) -> None:
         super().__init__()
-        self.in_keys = [keys.HEIGHTMAP, keys.ACTION]
-        self.out_keys = [keys.ACTION]
+        self.in_keys = [keys.HEIGHTMAP, keys.ACTION, keys.COMPONENT_ACTION_VALUE, keys.ACTION_VALUE]
+        self.out_keys = [keys.ACTION, keys.CHOSEN_ACTION_VALUE, keys.CHOSEN_COMPONENT_VALUE]
         self.eps_init, self.eps_end, self.annealing_frames = eps_init, eps_end, annealing_frames
         self.raised_share, self.raised_height = raised_share, raised_height
         self.generator = torch.Generator().manual_seed(seed)
@@ -80,7 +75,7 @@ class EpsilonGreedy(TensorDictModuleBase):
         return self.eps_init + (self.eps_end - self.eps_init) * done
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Replaces ``action`` ``[*]`` by a random one with probability ε, and counts the decisions."""
+        """Replaces ``action`` ``[*]`` (and the values there) by a random one with probability ε, and counts the decisions."""
         action = tensordict[keys.ACTION]
         flat = action.reshape(-1)
         allowed = self._allowed(tensordict)
@@ -93,7 +88,7 @@ class EpsilonGreedy(TensorDictModuleBase):
                     self.generator,
                 )
         self.frames += len(flat)
-        return tensordict.set(keys.ACTION, flat.reshape(action.shape))
+        return write_chosen(tensordict.set(keys.ACTION, flat.reshape(action.shape)))
 
     def _allowed(self, tensordict: TensorDictBase) -> Tensor:
         mask = tensordict.get(keys.ACTION_MASK, None)

@@ -14,6 +14,18 @@ from xqmap import keys
 from xqmap.models.unet import LocalGeometry, UNet
 
 
+def values_at(maps: Tensor, action: Tensor) -> Tensor:
+    """Maps ``[*, K, A]`` and actions ``[*]`` → the values there, ``[*, K]``."""
+    return maps.gather(-1, action[..., None, None].expand(*maps.shape[:-1], 1)).squeeze(-1)
+
+
+def write_chosen(tensordict: TensorDictBase) -> TensorDictBase:
+    """Writes ``chosen_component_value`` ``[*, K]`` and ``chosen_action_value`` ``[*, 1]`` for the ``action`` that is there."""
+    action = tensordict[keys.ACTION]
+    tensordict.set(keys.CHOSEN_COMPONENT_VALUE, values_at(tensordict[keys.COMPONENT_ACTION_VALUE], action))
+    return tensordict.set(keys.CHOSEN_ACTION_VALUE, tensordict[keys.ACTION_VALUE].gather(-1, action[..., None]))
+
+
 class QMaps(TensorDictModuleBase):
     """K separate U-Nets behind one fixed stem: heightmap in, one Q-Map per component out (X-QMap, Lu et al. 2023, section III).
 
@@ -74,9 +86,4 @@ class QMaps(TensorDictModuleBase):
         total = (values * self.weights[:, None]).sum(-2)
         tensordict.set(keys.COMPONENT_ACTION_VALUE, values)
         tensordict.set(keys.ACTION_VALUE, total)
-        action = tensordict.get(keys.ACTION, None)
-        if action is not None:
-            chosen = values.gather(-1, action[..., None, None].expand(*values.shape[:-1], 1)).squeeze(-1)
-            tensordict.set(keys.CHOSEN_COMPONENT_VALUE, chosen)
-            tensordict.set(keys.CHOSEN_ACTION_VALUE, total.gather(-1, action[..., None]))
-        return tensordict
+        return write_chosen(tensordict) if keys.ACTION in tensordict.keys() else tensordict

@@ -16,6 +16,7 @@ from torchrl.objectives.utils import ValueEstimators, default_value_kwargs, dist
 from torchrl.objectives.value import TD0Estimator, TD1Estimator, TDLambdaEstimator, ValueEstimatorBase
 
 from xqmap.models.policy import masked_argmax
+from xqmap.models.qmaps import values_at
 from xqmap.objectives.windows import can_window, crop
 
 
@@ -208,7 +209,7 @@ class DecomposedDQNLoss(LossModule):
             image, action = crop(tensordict.get(key), action, self.value_network.radius, self.value_network.stride)
             tensordict = TensorDict({}, batch_size=tensordict.batch_size).set(key, image)
         maps = self._network(tensordict, params).get(self.tensor_keys.component_action_value)
-        return maps.gather(-1, action[..., None, None].expand(*maps.shape[:-1], 1)).squeeze(-1)
+        return values_at(maps, action)
 
     def _targets(self, tensordict: TensorDictBase) -> Tensor:
         """``[B, K]``: y_k. Next states after which nothing comes are not looked at."""

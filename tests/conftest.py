@@ -1,0 +1,43 @@
+"""What several tests share: the toy world, and settings to train in it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from hydra import compose, initialize_config_dir
+from omegaconf import DictConfig, open_dict
+
+from tests.toy import ToyTask
+from xqmap import build, cli, schema
+
+
+@pytest.fixture
+def toy_config() -> Callable[..., DictConfig]:
+    """Settings of a training in the toy world, with ``key=value`` changes."""
+
+    def make(*overrides: str) -> DictConfig:
+        schema.register()
+        small = ["qnet.width=8", "qnet.depth=1", "logger.mode=disabled", "trainer.precision=fp32", "evaluation.seeds=[0,1]"]
+        with initialize_config_dir(cli.CONF, version_base=None):
+            cfg = compose("config", ["+task=landing", "trainer=smoke", *small, *overrides])
+        with open_dict(cfg):
+            cfg.task.name = "toy"
+            cfg.task.components = list(ToyTask.REWARD_COMPONENTS)
+            cfg.task.weights = {name: 1.0 for name in ToyTask.REWARD_COMPONENTS}
+            cfg.task.env = {"_target_": "tests.toy.ToyTask"}
+        return cfg
+
+    return make
+
+
+@pytest.fixture
+def trust_toy(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Lets settings name the toy world."""
+    monkeypatch.setattr(build, "TRUSTED", (*build.TRUSTED, "tests."))
+
+
+@pytest.fixture
+def run_directory(tmp_path: Path) -> Path:
+    return tmp_path / "run"

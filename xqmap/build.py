@@ -1,0 +1,95 @@
+"""From settings to objects: the only caller of ``hydra.utils.instantiate``, and the one place where networks get their sizes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import torch
+from hydra.utils import instantiate
+from omegaconf import DictConfig, OmegaConf
+
+from xqmap.envs.maniskill import ManiSkillEnv
+from xqmap.errors import UserError
+from xqmap.models.policy import EpsilonGreedy
+from xqmap.models.qmaps import QMaps
+from xqmap.models.unet import LocalGeometry, UNet
+from xqmap.objectives import DecomposedDQNLoss
+
+# A run directory of a stranger can name any callable: only these packages are ever called.
+TRUSTED = ("tasks.", "xqmap.")
+
+
+def device(cfg: DictConfig) -> torch.device:
+    """The device the networks live on."""
+    if cfg.device == "auto":
+        return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    if cfg.device == "cuda" and not torch.cuda.is_available():
+        raise UserError("device=cuda, but torch sees no GPU: set device=cpu or device=auto")
+    return torch.device(cfg.device)
+
+
+def bf16(cfg: DictConfig) -> bool:
+    """Whether updates run in bfloat16: where asked for, or where the machine multiplies it natively."""
+    if cfg.trainer.precision != "auto":
+        return bool(cfg.trainer.precision == "bf16")
+    if device(cfg).type == "cuda":
+        return torch.cuda.is_bf16_supported()
+    return bool(torch.cpu._is_avx512_bf16_supported())
+
+
+def task(cfg: DictConfig) -> Any:
+    """The world of ``cfg.task.env`` with the task's weights.
+
+    Raises:
+        UserError: if its ``_target_`` is not one of our own packages.
+    """
+    settings = OmegaConf.to_container(cfg.task.env, resolve=True)
+    for target in _targets(settings):
+        if not target.startswith(TRUSTED):
+            raise UserError(f"task.env names {target!r}: only {' and '.join(name + '*' for name in TRUSTED)} are run")
+    return instantiate(settings, weights=dict(cfg.task.weights), _convert_="all")
+
+
+def make_env(cfg: DictConfig, first_scene: int) -> Callable[[], ManiSkillEnv]:
+    """A function that builds the environment where it is called: in this process or in a worker."""
+    return partial(ManiSkillEnv, partial(task, cfg), first_scene=first_scene)
+
+
+def qmaps(cfg: DictConfig, pixel_size: float) -> QMaps:
+    """The K untrained U-Nets of ``cfg.method`` and ``cfg.qnet``, for cells of ``pixel_size`` metres."""
+    stem = LocalGeometry(
+        pixel_size, cfg.qnet.height_scale, list(cfg.qnet.plane_windows), cfg.qnet.surroundings, cfg.qnet.slope_scale
+    )
+    network = QMaps(cfg.method.components, stem, partial(UNet, width=cfg.qnet.width, depth=cfg.qnet.depth), cfg.method.weights)
+    return network.to(device(cfg), memory_format=torch.channels_last)
+
+
+def exploration(cfg: DictConfig) -> EpsilonGreedy:
+    """ε-greedy around the greedy policy, with a generator of its own."""
+    return EpsilonGreedy(**cfg.exploration, seed=cfg.seed)
+
+
+def loss(cfg: DictConfig, network: QMaps) -> DecomposedDQNLoss:
+    """The TD loss of ``cfg.method`` and ``cfg.loss``, its keys and estimator set."""
+    module = DecomposedDQNLoss(
+        network,
+        components=cfg.method.components,
+        double_dqn=cfg.loss.double_dqn,
+        loss_function=cfg.loss.loss_function,
+        shared_argmax=cfg.method.shared_argmax,
+        windowed=cfg.loss.windowed,
+    )
+    module.set_keys(reward=cfg.method.reward_key)
+    module.make_value_estimator(gamma=cfg.loss.gamma)
+    return module
+
+
+def _targets(settings: Any) -> list[str]:
+    if isinstance(settings, dict):
+        own = [str(settings["_target_"])] if "_target_" in settings else []
+        return own + [target for value in settings.values() for target in _targets(value)]
+    if isinstance(settings, list):
+        return [target for value in settings for target in _targets(value)]
+    return []

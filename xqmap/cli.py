@@ -1,0 +1,110 @@
+"""What every command shares: Hydra around it, one clear line for a mistake, and a non-zero exit."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import hydra
+from hydra.core.hydra_config import HydraConfig
+from hydra.errors import HydraException
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+import conf
+from xqmap import schema
+from xqmap.errors import UserError
+
+# Hydra's own short message would be followed by advice to set this; we print one line ourselves.
+os.environ.setdefault("HYDRA_FULL_ERROR", "1")
+CONF = str(Path(conf.__path__[0]).resolve())
+
+
+def main(config_name: str) -> Callable[[Callable[[DictConfig], None]], Callable[[], None]]:
+    """Turns ``command(cfg)`` into a program configured by ``conf/<config_name>.yaml`` and ``key=value`` arguments.
+
+    Exit status: 0 when it did what was asked, 1 on a mistake the person can mend (told in one line), 130 on Ctrl-C.
+    """
+
+    def wrap(command: Callable[[DictConfig], None]) -> Callable[[], None]:
+        def program() -> None:
+            schema.register()
+            failed: list[BaseException] = []
+
+            def guarded(cfg: DictConfig) -> None:
+                # Caught here, before Hydra adds lines of its own.
+                try:
+                    command(cfg)
+                except (Exception, KeyboardInterrupt, SystemExit) as error:
+                    failed.append(error)
+                    if isinstance(error, UserError):
+                        _forget_empty_run()
+
+            try:
+                hydra.main(version_base=None, config_path=CONF, config_name=config_name)(guarded)()
+                for error in failed:
+                    raise error
+            except UserError as error:
+                sys.exit(_line(str(error)))
+            except (HydraException, OmegaConfBaseException) as error:
+                sys.exit(_line(_mistake(error)))
+            except OSError as error:
+                sys.exit(_line(f"{error.strerror or error}: {error.filename or 'this file'} (another directory: hydra.run.dir=DIR)"))
+            except KeyboardInterrupt:
+                print("stopped", file=sys.stderr)
+                sys.exit(130)
+
+        return program
+
+    return wrap
+
+
+def required(cfg: DictConfig, name: str, example: str) -> Any:
+    """The value of the setting ``name``, or a clear line that asks for it with an ``example``."""
+    if OmegaConf.is_missing(cfg, name):
+        raise UserError(f"{name} has no value: give {example}")
+    return cfg[name]
+
+
+def resume_in_place(arguments: list[str]) -> None:
+    """Lets ``resume=DIR`` work inside DIR: Hydra opens no new run directory and keeps the old one's settings.
+
+    Raises:
+        SystemExit: if other settings stand beside ``resume``; a run goes on as it was started.
+    """
+    resumed = next((argument.removeprefix("resume=") for argument in arguments[1:] if argument.startswith("resume=")), None)
+    if resumed and resumed != "null":
+        if len(arguments) > 2:
+            sys.exit(_line("resume=DIR goes on with the settings the run was started with: give no other setting"))
+        arguments += ["hydra.run.dir=.", "hydra.output_subdir=null", "hydra/job_logging=none", "hydra/hydra_logging=none"]
+
+
+def _forget_empty_run() -> None:
+    """Takes back the run directory that Hydra made, if nothing but the settings got into it."""
+    directory = Path(HydraConfig.get().runtime.output_dir)
+    if [entry.name for entry in directory.iterdir()] == [".hydra"]:
+        shutil.rmtree(directory)
+
+
+def _line(text: str) -> str:
+    return "error: " + " ".join(text.split())
+
+
+def _mistake(error: Exception) -> str:
+    """Hydra's message without its stack of causes and its advice."""
+    cause: BaseException = error
+    while cause.__cause__ is not None:
+        cause = cause.__cause__
+    lines = [line.strip() for line in str(cause if str(cause) else error).splitlines() if line.strip()]
+    if "Config search path:" in lines:
+        lines = lines[: lines.index("Config search path:")]
+    kept = [line for line in lines if not line.startswith(("object_type", "reference_type"))]
+    key = next((line.removeprefix("full_key:").strip() for line in kept if line.startswith("full_key:")), "")
+    if any("Missing mandatory value: task" in line for line in kept):
+        return "no task: add +task=NAME, one of conf/task (+task=landing)"
+    text = " ".join(line for line in kept if not line.startswith("full_key:"))
+    return f"{key}: {text}" if key and key not in text else text

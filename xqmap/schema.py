@@ -1,0 +1,184 @@
+"""Types and ranges of the settings: a wrong name, type or value is refused before anything starts. Defaults live in ``conf/`` only."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass, field
+from typing import Any
+
+from hydra.core.config_store import ConfigStore
+from omegaconf import MISSING, DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from xqmap.errors import UserError
+
+
+def _bounded(low: float, high: float = float("inf"), above: bool = False) -> Any:
+    """A setting without a default, between ``low`` (excluded if ``above``) and ``high``."""
+    return field(default=MISSING, metadata={"low": low, "high": high, "above": above})
+
+
+def _one_of(*choices: str) -> Any:
+    return field(default=MISSING, metadata={"choices": choices})
+
+
+@dataclass
+class Task:
+    name: str = MISSING
+    components: list[str] = MISSING
+    weights: dict[str, float] = MISSING
+    env: Any = MISSING
+
+
+@dataclass
+class Method:
+    name: str = MISSING
+    components: list[str] = MISSING
+    weights: list[float] = MISSING
+    reward_key: str = _one_of("reward", "reward_components")
+    shared_argmax: bool = MISSING
+
+
+@dataclass
+class QNet:
+    width: int = _bounded(1)
+    depth: int = _bounded(0, 6)
+    height_scale: float = _bounded(0, above=True)
+    plane_windows: list[int] = MISSING
+    surroundings: int = _bounded(3)
+    slope_scale: float = _bounded(0, above=True)
+
+
+@dataclass
+class Loss:
+    gamma: float = _bounded(0, 1)
+    double_dqn: bool = MISSING
+    loss_function: str = _one_of("l1", "l2", "smooth_l1")
+    windowed: bool = MISSING
+
+
+@dataclass
+class Exploration:
+    eps_init: float = _bounded(0, 1)
+    eps_end: float = _bounded(0, 1)
+    annealing_frames: int = _bounded(0)
+    raised_share: float = _bounded(0, 1)
+    raised_height: float = MISSING
+
+
+@dataclass
+class Collector:
+    name: str = MISSING
+    frames_per_batch: int = _bounded(1)
+
+
+@dataclass
+class Replay:
+    capacity: int = _bounded(1)
+    augment: bool = MISSING
+
+
+@dataclass
+class Trainer:
+    frames: int = _bounded(1)
+    warmup_frames: int = _bounded(0)
+    updates_per_frame: float = _bounded(0)
+    batch_size: int = _bounded(1)
+    learning_rate: float = _bounded(0, above=True)
+    max_grad_norm: float = _bounded(0, above=True)
+    target_period: int = _bounded(1)
+    precision: str = _one_of("auto", "fp32", "bf16")
+    checkpoint_period: int = _bounded(1)
+    picture_period: int = _bounded(1)
+
+
+@dataclass
+class Evaluation:
+    seeds: list[int] = MISSING
+    choices: int = _bounded(1)
+    until: dict[str, float] | None = MISSING
+    baselines: bool = MISSING
+
+
+@dataclass
+class Logger:
+    mode: str = _one_of("offline", "online", "disabled")
+    project: str = MISSING
+
+
+@dataclass
+class Schema:
+    """The whole configuration of a training."""
+
+    task: Task = MISSING
+    method: Method = field(default_factory=Method)
+    qnet: QNet = field(default_factory=QNet)
+    loss: Loss = field(default_factory=Loss)
+    exploration: Exploration = field(default_factory=Exploration)
+    collector: Collector = field(default_factory=Collector)
+    replay: Replay = field(default_factory=Replay)
+    trainer: Trainer = field(default_factory=Trainer)
+    evaluation: Evaluation = field(default_factory=Evaluation)
+    logger: Logger = field(default_factory=Logger)
+    seed: int = _bounded(0, 3000)
+    device: str = _one_of("auto", "cpu", "cuda")
+    threads: int | None = MISSING
+    resume: str | None = MISSING
+
+
+def register() -> None:
+    """Makes the schema and the ``range`` resolver known to Hydra."""
+    ConfigStore.instance().store(name="schema", node=Schema)
+    if not OmegaConf.has_resolver("range"):
+        OmegaConf.register_new_resolver("range", lambda start, stop: list(range(start, stop)))
+
+
+def typed(cfg: DictConfig) -> DictConfig:
+    """Stored settings with their types back.
+
+    Raises:
+        UserError: if a name or a type is not the schema's.
+    """
+    try:
+        merged = OmegaConf.merge(OmegaConf.structured(Schema), cfg)
+    except OmegaConfBaseException as error:
+        raise UserError(f"these settings do not fit this version of xqmap: {str(error).splitlines()[0]}") from None
+    assert isinstance(merged, DictConfig)
+    return merged
+
+
+def validate(cfg: DictConfig) -> None:
+    """Checks what types cannot say.
+
+    Raises:
+        UserError: naming the first setting that is missing or out of its range.
+    """
+    if OmegaConf.is_missing(cfg, "task"):
+        raise UserError("no task: add +task=NAME, one of conf/task (+task=landing)")
+    _check(Schema, cfg, "")
+    unknown = set(cfg.task.weights) - set(cfg.task.components)
+    if unknown:
+        raise UserError(f"task.weights names {sorted(unknown)}; the task's components are {list(cfg.task.components)}")
+    if any(weight < 0 for weight in cfg.task.weights.values()):
+        raise UserError("task.weights must be 0 or more")
+    if not cfg.evaluation.seeds:
+        raise UserError("evaluation.seeds is empty: give at least one, evaluation.seeds=[0]")
+    if any(not 0 <= seed < 10_000 for seed in cfg.evaluation.seeds):
+        raise UserError("evaluation.seeds must be between 0 and 9999 (training scenes lie above)")
+
+
+def _check(schema: type, cfg: DictConfig, prefix: str) -> None:
+    for item in dataclasses.fields(schema):
+        name = prefix + item.name
+        if OmegaConf.is_missing(cfg, item.name):
+            raise UserError(f"{name} has no value: give one with {name}=VALUE")
+        value = cfg[item.name]
+        if isinstance(item.default_factory, type) and dataclasses.is_dataclass(item.default_factory):
+            _check(item.default_factory, value, name + ".")
+        limits = item.metadata
+        if "choices" in limits and value not in limits["choices"]:
+            raise UserError(f"{name}={value} is not one of {', '.join(limits['choices'])}")
+        if "low" in limits and not (limits["low"] <= value <= limits["high"] and not (limits["above"] and value == limits["low"])):
+            bound = f"above {limits['low']}" if limits["above"] else f"at least {limits['low']}"
+            upper = "" if limits["high"] == float("inf") else f" and at most {limits['high']}"
+            raise UserError(f"{name}={value} is out of range: it must be {bound}{upper}")

@@ -1,0 +1,221 @@
+"""The training loop: collect decisions, remember them, learn from batches of them, log, save."""
+
+from __future__ import annotations
+
+import math
+import signal
+import time
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import torch
+from omegaconf import DictConfig, OmegaConf
+from tensordict import TensorDictBase
+from tensordict.nn import TensorDictSequential
+from torch import Tensor
+from torchrl.collectors import Collector
+from torchrl.objectives import HardUpdate
+from tqdm import tqdm
+
+from xqmap import build, checkpoint, keys
+from xqmap.evaluation import training_scenes
+from xqmap.logs import Log, Tracker
+from xqmap.models.policy import GreedyPolicy
+from xqmap.replay import Replay
+
+
+class Trainer:
+    """One training of one agent in one world.
+
+    Args:
+        cfg: validated settings.
+        directory: the run directory; it exists and can be written.
+        resume: go on from the checkpoint in ``directory``.
+    """
+
+    def __init__(self, cfg: DictConfig, directory: Path, resume: bool = False) -> None:
+        self.cfg, self.directory = cfg, directory
+        torch.manual_seed(cfg.seed)
+        saved = checkpoint.read(directory / checkpoint.TRAINING) if resume else None
+        self.device = build.device(cfg)
+        self.frames = self.updates = self.next_checkpoint = self.next_picture = 0
+        self.seconds = {"infer": 0.0, "update": 0.0}
+        self.stopped_by: int | None = None
+
+        first_scene = saved[1]["scene"] if saved else training_scenes(cfg.seed)
+        self.env = build.make_env(cfg, first_scene)()
+        self.network = build.qmaps(cfg, self.env.grid.pixel_size)
+        self.loss = build.loss(cfg, self.network)
+        self.target_updater = HardUpdate(self.loss, value_network_update_interval=cfg.trainer.target_period)
+        self.parameters = [p for p in self.loss.parameters() if p.requires_grad]
+        self.optimizer = torch.optim.Adam(self.parameters, lr=cfg.trainer.learning_rate)
+        self.replay = Replay(cfg.replay.capacity, cfg.trainer.batch_size, cfg.replay.augment, cfg.loss.gamma > 0, cfg.seed)
+        self.exploration = build.exploration(cfg)
+        self.greedy = GreedyPolicy(self.network)
+        self._time_policy()
+        self.tracker = Tracker(cfg.task.components, cfg.method.components, cfg.method.reward_key, cfg.loss.gamma)
+        if saved:
+            self._restore(*saved)
+        self.autocast = torch.autocast(self.device.type, torch.bfloat16, enabled=build.bf16(cfg))
+        self.log = Log(directory, cfg, self._columns(), self.frames, saved[1]["wandb_id"] if saved else None)
+
+    def run(self) -> GreedyPolicy:
+        """Trains to ``trainer.frames`` decisions, or until a signal asks to stop; saves either way.
+
+        Returns:
+            The greedy policy as learned.
+        """
+        collector = Collector(
+            self.env,
+            TensorDictSequential(self.greedy, self.exploration),
+            frames_per_batch=self.cfg.collector.frames_per_batch,
+            total_frames=-1,
+            trust_policy=True,
+        )
+        handlers = {number: signal.signal(number, self._stop) for number in (signal.SIGINT, signal.SIGTERM)}
+        start, already = time.perf_counter(), self.frames
+        try:
+            with tqdm(total=self.cfg.trainer.frames, initial=already, unit="decision", desc="training", mininterval=1.0) as bar:
+                for batch in collector:
+                    row = self._step(batch.reshape(-1))
+                    row["seconds"] = time.perf_counter() - start
+                    self.log.row(row)
+                    bar.set_postfix(best=f"{self.tracker.success:.0%}", ε=f"{self.exploration.eps:.2f}", refresh=False)
+                    bar.update(self.frames - bar.n)
+                    finished = self.frames >= self.cfg.trainer.frames
+                    if finished or self._at_edge(batch):
+                        if finished or self.stopped_by or self.frames >= self.next_checkpoint:
+                            self.save()
+                        if finished or self.stopped_by:
+                            break
+        finally:
+            for number, handler in handlers.items():
+                signal.signal(number, handler)
+            collector.shutdown(close_env=False)
+            self.log.close()
+        return self.greedy
+
+    def save(self) -> None:
+        """Writes the policy to hand out and everything needed to go on."""
+        facts = {"config": OmegaConf.to_yaml(self.cfg, resolve=True), "pixel_size": self.env.grid.pixel_size, "frames": self.frames}
+        checkpoint.write(self.directory / checkpoint.POLICY, self.network.state_dict(), facts)
+        tensors: dict[str, Tensor] = {f"loss/{name}": value for name, value in self.loss.state_dict().items() if isinstance(value, Tensor)}
+        for i, state in self.optimizer.state_dict()["state"].items():
+            tensors |= {f"optimizer/{i}/{name}": value for name, value in state.items()}
+        tensors |= {f"rng/{name}": generator.get_state() for name, generator in self._generators().items()}
+        tensors |= {f"replay/{name}": value for name, value in self.replay.contents().items()}
+        facts |= {
+            "updates": self.updates,
+            "scene": self.env.scene_seed,
+            "explored": int(self.exploration.frames),
+            "cursor": self.replay.cursor,
+            "correct": list(self.tracker.correct),
+            "target_age": self.target_updater.counter,
+            "wandb_id": self.log.wandb_id,
+        }
+        checkpoint.write(self.directory / checkpoint.TRAINING, tensors, facts)
+        self.next_checkpoint = self.frames + self.cfg.trainer.checkpoint_period
+
+    def close(self) -> None:
+        """Frees the simulator."""
+        self.env.close()
+
+    def _step(self, batch: TensorDictBase) -> dict[str, float]:
+        """Remembers a batch of decisions, learns, and returns its row of metrics."""
+        self.replay.extend(batch)
+        self.frames += len(batch)
+        row = {"frames": float(self.frames), "eps": self.exploration.eps, **self.tracker.add(batch)}
+        row |= {f"metric/{name}": float(batch["next", name].mean()) for name in self.env.metric_names}
+        if self.frames >= self.cfg.trainer.warmup_frames:
+            start = time.perf_counter()
+            due = round(self.cfg.trainer.updates_per_frame * (self.frames - self.cfg.trainer.warmup_frames))
+            losses = [self._update() for _ in range(due - self.updates)]
+            if losses:
+                mean = torch.stack(losses).mean(0).cpu()
+                row |= {_grouped(name): float(value) for name, value in mean.items()}
+            self.seconds["update"] += time.perf_counter() - start
+        row["updates"] = float(self.updates)
+        row |= {f"share/{name}": value for name, value in self._shares().items()}
+        return row
+
+    def _update(self) -> TensorDictBase:
+        """One gradient step on one batch, the same for all components."""
+        batch = self.replay.sample().to(self.device)
+        progress = min(1.0, self.updates / max(1.0, self.cfg.trainer.updates_per_frame * self.cfg.trainer.frames))
+        for group in self.optimizer.param_groups:
+            group["lr"] = self.cfg.trainer.learning_rate * (0.55 + 0.45 * math.cos(math.pi * progress))
+        with self.autocast:
+            losses = self.loss(batch)
+        total = sum(value for name, value in losses.items() if name.startswith("loss_"))
+        if not bool(torch.isfinite(total)):
+            raise RuntimeError(f"the loss became {float(total)} at update {self.updates}: lower trainer.learning_rate")
+        self.optimizer.zero_grad(set_to_none=True)
+        total.backward()
+        torch.nn.utils.clip_grad_norm_(self.parameters, self.cfg.trainer.max_grad_norm)
+        self.optimizer.step()
+        self.target_updater.step()
+        self.updates += 1
+        return losses.detach()
+
+    def _restore(self, tensors: dict[str, Tensor], facts: dict[str, Any]) -> None:
+        """The inverse of :meth:`save`; the world continues at the start of the episode that was next."""
+        parts: dict[str, dict[str, Tensor]] = {"loss": {}, "optimizer": {}, "rng": {}, "replay": {}}
+        for name, tensor in tensors.items():
+            part, _, rest = name.partition("/")
+            parts[part][rest] = tensor
+        self.loss.load_state_dict(parts["loss"], strict=False)
+        optimizer = self.optimizer.state_dict()
+        for name, tensor in parts["optimizer"].items():
+            i, _, key = name.partition("/")
+            optimizer["state"].setdefault(int(i), {})[key] = tensor
+        self.optimizer.load_state_dict(optimizer)
+        self.replay.restore(parts["replay"], facts["cursor"])
+        self.frames, self.updates = facts["frames"], facts["updates"]
+        self.exploration.frames.fill_(facts["explored"])
+        self.tracker.correct.extend(facts["correct"])
+        self.target_updater.counter = facts["target_age"]
+        self.next_checkpoint = self.next_picture = self.frames + 1
+        for name, generator in self._generators().items():
+            generator.set_state(parts["rng"][name])
+
+    def _generators(self) -> dict[str, torch.Generator]:
+        return {"torch": torch.default_generator, "replay": self.replay.generator, "exploration": self.exploration.generator}
+
+    def _time_policy(self) -> None:
+        started = [0.0]
+
+        def stop(*_: Any) -> None:
+            self.seconds["infer"] += time.perf_counter() - started[0]
+
+        self.greedy.register_forward_pre_hook(lambda *_: started.__setitem__(0, time.perf_counter()))
+        self.greedy.register_forward_hook(stop)
+
+    def _at_edge(self, batch: TensorDictBase) -> bool:
+        """Whether the last decision ended its episode: only there can a simulator be picked up again exactly."""
+        return bool(batch.reshape(-1)[-1]["next", keys.DONE])
+
+    def _stop(self, number: int, frame: FrameType | None) -> None:
+        self.stopped_by = number
+
+    def _shares(self) -> dict[str, float]:
+        seconds = {**self.env.seconds, **self.seconds}
+        return {name: value / max(1e-9, sum(seconds.values())) for name, value in seconds.items()}
+
+    def _columns(self) -> list[str]:
+        names = self.loss.out_keys
+        return [
+            *("frames", "updates", "seconds", "eps"),
+            *self.tracker.names(),
+            *(_grouped(name) for name in names),
+            *(f"metric/{name}" for name in self.env.metric_names),
+            *(f"share/{name}" for name in {**self.env.seconds, **self.seconds}),
+        ]
+
+
+def _grouped(name: str) -> str:
+    """``td_error_color`` → ``td_error/color``: wandb groups its charts by what stands before the slash."""
+    for group in ("loss", "td_error", "value"):
+        if name.startswith(f"{group}_"):
+            return f"{group}/{name.removeprefix(f'{group}_')}"
+    return name
