@@ -1,0 +1,144 @@
+"""The field of blocks: what one is, how a field is drawn at random, and its geometry. Lengths in metres, angles in degrees."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+COLORS: dict[str, tuple[int, int, int]] = {
+    "green": (72, 150, 62),
+    "red": (196, 58, 52),
+    "blue": (52, 92, 178),
+    "gray": (128, 128, 128),
+}
+# Faces of the hexahedron below, counter-clockwise from outside; the last is the top.
+FACES = ((0, 3, 2, 1), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7), (4, 5, 6, 7))
+CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) / 2
+
+
+@dataclass(frozen=True)
+class Block:
+    """A box whose top may be inclined along its own length axis.
+
+    Attributes:
+        x: middle, world.
+        y: middle, world.
+        yaw: of the length axis, degrees.
+        length: along the axis the top may rise.
+        width: across it.
+        height: of the top's middle.
+        incline: of the top, degrees; 0 is flat.
+        color: a name of ``COLORS``.
+        shade: factor on the color.
+    """
+
+    x: float
+    y: float
+    yaw: float
+    length: float
+    width: float
+    height: float
+    incline: float
+    color: str
+    shade: float = 1.0
+
+    @property
+    def name(self) -> str:
+        """What a person calls it: "red flat block", "gray inclined block"."""
+        return f"{self.color} {'inclined' if self.incline > 0 else 'flat'} block"
+
+    @property
+    def axes(self) -> np.ndarray:
+        """``[2, 2]``: unit vectors of length and width, world."""
+        angle = np.deg2rad(self.yaw)
+        return np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+
+    @property
+    def radius(self) -> float:
+        """Of the circle around the footprint."""
+        return float(np.hypot(self.length, self.width) / 2)
+
+    @property
+    def footprint(self) -> np.ndarray:
+        """``[4, 2]``: corners, world, counter-clockwise."""
+        return CORNERS * (self.length, self.width) @ self.axes + (self.x, self.y)
+
+    @property
+    def vertices(self) -> np.ndarray:
+        """``[8, 3]``: four corners on the ground, then the four of the top."""
+        corners = self.footprint
+        top = np.column_stack((corners, self.top_at(corners)))
+        return np.vstack((np.column_stack((corners, np.zeros(4))), top))
+
+    def local(self, points: np.ndarray) -> np.ndarray:
+        """World ``[M, 2]`` → along length and width ``[M, 2]`` from the middle."""
+        return (np.asarray(points)[:, :2] - (self.x, self.y)) @ self.axes.T
+
+    def top_at(self, points: np.ndarray) -> np.ndarray:
+        """``[M]``: z of the top's plane above the world points ``[M, 2]``."""
+        return self.height + np.tan(np.deg2rad(self.incline)) * self.local(points)[:, 0]
+
+    def covers(self, points: np.ndarray, margin: float = 0.0) -> np.ndarray:
+        """``[M]`` bool: which world points ``[M, 2]`` lie within the footprint, at least ``margin`` inside its edges."""
+        return (np.abs(self.local(points)) <= np.array([self.length, self.width]) / 2 - margin).all(1)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, from which ``Block(**values)`` makes the same block."""
+        return asdict(self)
+
+
+def sample_field(
+    rng: np.random.RandomState,
+    half_size: float,
+    count: int,
+    incline_range: tuple[float, float],
+    inclined_share: float,
+    gap: float,
+) -> list[Block]:
+    """Up to ``count`` blocks, drawn at random, none closer than ``gap`` to another (more do not always fit).
+
+    Args:
+        rng: source of the draw.
+        half_size: the field reaches from −half_size to half_size in x and y.
+        count: blocks to try for.
+        incline_range: of inclined tops.
+        inclined_share: share of blocks with an inclined top.
+        gap: least distance between the circles around two footprints.
+    """
+    blocks: list[Block] = []
+    for _ in range(20 * count):
+        if len(blocks) == count:
+            break
+        length, width = rng.uniform(1.8, 4.5, 2)
+        incline = float(rng.uniform(*incline_range)) if rng.rand() < inclined_share else 0.0
+        slope = np.tan(np.deg2rad(incline))
+        # Nothing taller than 4 m: half precision then stores heights to 2 mm.
+        length = min(length, 2.4 / slope) if slope > 0 else length
+        block = Block(
+            *(float(v) for v in rng.uniform(-half_size, half_size, 2)),
+            yaw=float(rng.uniform(0, 360)),
+            length=float(length),
+            width=float(width),
+            height=float(rng.uniform(0.4, 1.4) + slope * length / 2),
+            incline=incline,
+            color=str(rng.choice(list(COLORS))),
+            shade=float(rng.uniform(0.8, 1.1)),
+        )
+        if all(np.hypot(block.x - other.x, block.y - other.y) > block.radius + other.radius + gap for other in blocks):
+            blocks.append(block)
+    return blocks
+
+
+def mesh(block: Block) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Triangles for drawing, each face with its own corners so that its edges are sharp: vertices, triangles, normals."""
+    corners = block.vertices
+    vertices = np.vstack([corners[list(face)] for face in FACES])
+    normals = []
+    for face in FACES:
+        a, b, c = corners[list(face[:3])]
+        normal = np.cross(b - a, c - b)
+        normals += [normal / np.linalg.norm(normal)] * 4
+    triangles = [[4 * i + a, 4 * i + b, 4 * i + c] for i in range(len(FACES)) for a, b, c in ((0, 1, 2), (0, 2, 3))]
+    return vertices.astype(np.float32), np.array(triangles, dtype=np.uint32), np.array(normals, dtype=np.float32)
