@@ -13,6 +13,12 @@ COLORS: dict[str, tuple[int, int, int]] = {
     "blue": (52, 92, 178),
     "gray": (128, 128, 128),
 }
+FLAT_DEG = 5.0
+# The lowest edge of a top, and the highest: below 4 m half precision stores heights to 2 mm.
+LOW = (0.4, 1.4)
+MAX_TOP = 3.8
+# Least distance between the circles around two footprints.
+GAP = 0.6
 # Faces of the hexahedron below, counter-clockwise from outside; the last is the top.
 FACES = ((0, 3, 2, 1), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7), (4, 5, 6, 7))
 CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) / 2
@@ -45,9 +51,19 @@ class Block:
     shade: float = 1.0
 
     @property
+    def flat(self) -> bool:
+        """Whether the angle between the vertical and the top's normal is at most ``FLAT_DEG``."""
+        return self.incline <= FLAT_DEG
+
+    @property
+    def kind(self) -> str:
+        """``"flat block"`` or ``"inclined block"``."""
+        return "flat block" if self.flat else "inclined block"
+
+    @property
     def name(self) -> str:
         """What a person calls it: "red flat block", "gray inclined block"."""
-        return f"{self.color} {'inclined' if self.incline > 0 else 'flat'} block"
+        return f"{self.color} {self.kind}"
 
     @property
     def axes(self) -> np.ndarray:
@@ -80,9 +96,26 @@ class Block:
         """``[M]``: z of the top's plane above the world points ``[M, 2]``."""
         return self.height + np.tan(np.deg2rad(self.incline)) * self.local(points)[:, 0]
 
-    def covers(self, points: np.ndarray, margin: float = 0.0) -> np.ndarray:
-        """``[M]`` bool: which world points ``[M, 2]`` lie within the footprint, at least ``margin`` inside its edges."""
-        return (np.abs(self.local(points)) <= np.array([self.length, self.width]) / 2 - margin).all(1)
+    def distance(self, points: np.ndarray) -> np.ndarray:
+        """``[M]``: from the world points ``[M, 2]`` to the footprint's edge, negative inside."""
+        beyond = np.abs(self.local(points)) - (self.length / 2, self.width / 2)
+        return np.linalg.norm(np.maximum(beyond, 0), axis=1) + np.minimum(beyond.max(1), 0)
+
+    def hides(self, points: np.ndarray, eye: np.ndarray) -> np.ndarray:
+        """``[M]`` bool: whether the block lies between ``eye`` ``[3]`` and world points ``[M, 3]``; its own surface is not hidden."""
+        start = np.column_stack((self.local(points), points[:, 2]))
+        along = np.append(self.local(eye[None])[0], eye[2]) - start
+        # The block is where all of these are at most 0, so each cuts off a part of the segment start + t · along, 0 ≤ t ≤ 1.
+        slope = np.tan(np.deg2rad(self.incline))
+        normals = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, -1], [-slope, 0, 1]])
+        limits = np.array([self.length / 2, self.length / 2, self.width / 2, self.width / 2, 0, self.height])
+        outside, rate = start @ normals.T - limits, along @ normals.T
+        with np.errstate(divide="ignore", invalid="ignore"):
+            crossing = -outside / rate
+        first = np.where(rate < 0, crossing, 0).max(1)
+        last = np.where(rate > 0, crossing, 1).min(1)
+        never = ((rate == 0) & (outside > 0)).any(1)
+        return ~never & (np.maximum(first, 0) + 1e-6 < np.minimum(last, 1))
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, from which ``Block(**values)`` makes the same block."""
@@ -95,17 +128,17 @@ def sample_field(
     count: int,
     incline_range: tuple[float, float],
     inclined_share: float,
-    gap: float,
+    shades: tuple[float, float],
 ) -> list[Block]:
-    """Up to ``count`` blocks, drawn at random, none closer than ``gap`` to another (more do not always fit).
+    """Up to ``count`` blocks, drawn at random, none closer than ``GAP`` to another (more do not always fit).
 
     Args:
         rng: source of the draw.
         half_size: the field reaches from −half_size to half_size in x and y.
         count: blocks to try for.
-        incline_range: of inclined tops.
+        incline_range: least and greatest angle of an inclined top.
         inclined_share: share of blocks with an inclined top.
-        gap: least distance between the circles around two footprints.
+        shades: least and greatest shade.
     """
     blocks: list[Block] = []
     for _ in range(20 * count):
@@ -114,21 +147,25 @@ def sample_field(
         length, width = rng.uniform(1.8, 4.5, 2)
         incline = float(rng.uniform(*incline_range)) if rng.rand() < inclined_share else 0.0
         slope = np.tan(np.deg2rad(incline))
-        # Nothing taller than 4 m: half precision then stores heights to 2 mm.
-        length = min(length, 2.4 / slope) if slope > 0 else length
+        length = min(length, (MAX_TOP - LOW[1]) / slope) if slope > 0 else length
         block = Block(
             *(float(v) for v in rng.uniform(-half_size, half_size, 2)),
             yaw=float(rng.uniform(0, 360)),
             length=float(length),
             width=float(width),
-            height=float(rng.uniform(0.4, 1.4) + slope * length / 2),
+            height=float(rng.uniform(*LOW) + slope * length / 2),
             incline=incline,
             color=str(rng.choice(list(COLORS))),
-            shade=float(rng.uniform(0.8, 1.1)),
+            shade=float(rng.uniform(*shades)),
         )
-        if all(np.hypot(block.x - other.x, block.y - other.y) > block.radius + other.radius + gap for other in blocks):
+        if all(np.hypot(block.x - other.x, block.y - other.y) > block.radius + other.radius + GAP for other in blocks):
             blocks.append(block)
     return blocks
+
+
+def linear(color: tuple[int, int, int], shade: float) -> tuple[float, ...]:
+    """The renderer's linear base color (0–1) that looks like the 8-bit ``color``, ``shade`` times as bright."""
+    return tuple(min((value / 255) ** 2.2 * shade, 1.0) for value in color)
 
 
 def mesh(block: Block) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

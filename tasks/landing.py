@@ -10,11 +10,12 @@ Randomizations (all from the reset's seed):
 
 Episode:
     ``landings_per_episode`` decisions, each from a new place at the same altitude over the same field. A landing takes at most
-    ``control_steps`` control steps; a time-out pays nothing.
+    ``control_steps`` control steps.
 
 Reward components (at the touched spot, the mean of the first contact's points):
     ``flatness``: 1 if θ = arccos(n·q) ≤ 5° between the vertical n and the true surface normal q there (a wall has θ = 90°).
     ``color``: 1 unless what was touched is gray (the ground is).
+    A time-out pays nothing, and neither does a miss: hull or rotors hit something before the foot does.
 
 Cells:
     The camera looks from above, so the ground right behind a block stays hidden. Such cells are empty in the heightmap (0 high, black)
@@ -23,35 +24,49 @@ Cells:
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import sapien
 import torch
 from mani_skill.sensors.camera import CameraConfig
-from mani_skill.utils import sapien_utils
 from mani_skill.utils.registration import register_env
-from mani_skill.utils.structs.types import SceneConfig, SimConfig
+from mani_skill.utils.structs.types import DefaultMaterialsConfig, SceneConfig, SimConfig
 
 from tasks.agents.aircraft import Aircraft
 from tasks.base import DecisionEnv, SceneObject
-from tasks.blocks import COLORS, Block, mesh, sample_field
+from tasks.blocks import COLORS, MAX_TOP, Block, linear, mesh, sample_field
 
-FLAT_DEG = 5.0
-# The camera's axis x looks along the body's −z; given as a unit quaternion because look_at does not return one straight down.
-DOWN = sapien.Pose([0, 0, -0.02], [0.70710678, 0, 0.70710678, 0])
-HALF_SIZE = 20.0
 CELLS = 84
-FRICTION = 0.8
+HALF_SIZE = 20.0
+# Straight down, the image's right along x and its top along y.
+DOWN = sapien.Pose([0, 0, -0.02], [0.5, -0.5, 0.5, 0.5])
+# Between ground and heightmap floor, so that ground and unseen cells differ in height as well (m).
+FLOOR = -0.05
+FRICTION = 0.6
 CRUISE_SPEED = 10.0
-# Heights (m) over the point: from here on the descent is slow, and a contact is looked for at each simulation step.
+# Height over the point below which the descent is slow (m), and how slow (m/s).
 SLOW_BELOW = 1.0
 TOUCH_SPEED = 0.8
 SETTLE_STEPS = 4
-# How far the touched spot may lie off a face's plane and still be on it (m): PhysX reports contacts a little early.
-ON_FACE = 0.05
-# A cell this far inside a block's edges has the whole landing pad over the block (m).
-PAD_MARGIN = 0.2
+# Moving farther than this after the touch is sliding (m).
+SLID = 0.1
+# PhysX reports contacts a little early, and after one simulation step at most this deep (m).
+CONTACT = 0.005
+ON_TOP = 0.05
+# What a choice needs to be sure of its outcome: the foot this far inside the top's edges, the hull this far from other blocks (m).
+FOOT_ROOM = 0.2
+HULL_ROOM = 0.5
+
+
+@dataclass(frozen=True)
+class Touch:
+    """The first contact: where (``[3]``, world, m), whether with the foot, and with which block (None: the ground)."""
+
+    spot: np.ndarray
+    foot: bool
+    block: Block | None
 
 
 @register_env("XQMapLanding-v1", max_episode_steps=None)
@@ -65,10 +80,16 @@ class LandingEnv(DecisionEnv):
         blocks: fewest and most blocks of a field (40 × 40 m).
         incline_deg: least and greatest angle of an inclined top.
         inclined_share: share of blocks whose top is inclined.
-        light: how far the light may vary, 0 (never) to 1.
+        light: how far light and shade vary, 0 (not at all) to 1.
         landings_per_episode: decisions before the field changes.
         control_steps: the most a landing may take.
         kwargs: of :class:`DecisionEnv`.
+
+    ``reset(options={"blocks": [...]})`` puts these blocks (``Block.to_dict()``) in the place of the drawn ones and leaves all else as the
+    seed has it: the way to see the same view with one block recolored, leveled or gone.
+
+    Raises:
+        ValueError: if a setting is out of its range.
     """
 
     REWARD_COMPONENTS = ("flatness", "color")
@@ -91,25 +112,38 @@ class LandingEnv(DecisionEnv):
         control_steps: int,
         **kwargs: Any,
     ) -> None:
+        for name, value, low, high in (
+            ("altitude", altitude, 10.0, 30.0),
+            ("pixel_size", pixel_size, 0.05, 2 * HALF_SIZE / CELLS),
+            ("image_size", image_size, 2 * CELLS, 4096),
+            ("inclined_share", inclined_share, 0.0, 1.0),
+            ("light", light, 0.0, 1.0),
+            ("landings_per_episode", landings_per_episode, 1, np.inf),
+            ("control_steps", control_steps, 1, np.inf),
+            ("blocks", blocks[0], 0, blocks[1]),
+            ("incline_deg", incline_deg[0], 0.0, incline_deg[1]),
+            ("incline_deg", incline_deg[1], incline_deg[0], 45.0),
+        ):
+            if not low <= value <= high:
+                raise ValueError(f"{name} must be between {low:g} and {high:g}, not {value:g}")
         self.altitude, self._pixel_size, self.image_size = altitude, pixel_size, image_size
-        self.block_range, self.incline_deg, self.inclined_share = tuple(blocks), tuple(incline_deg), inclined_share
-        self.light_variation, self.landings_per_episode, self.control_steps = light, landings_per_episode, control_steps
+        self.block_range, self.incline_deg, self.inclined_share = blocks, incline_deg, inclined_share
+        self.light, self.landings_per_episode, self.control_steps = light, landings_per_episode, control_steps
         self.blocks: list[Block] = []
-        self._entities: list[tuple[sapien.Entity, Block]] = []
+        self._entities: dict[sapien.Entity, Block] = {}
         self._location = np.zeros(2)
         self._landings = 0
-        self._touch: tuple[np.ndarray, Block | None] | None = None
-        self._watching = False
+        self._touch: Touch | None = None
         super().__init__(robot_uids="xqmap_aircraft", **kwargs)
 
     # -- the world -----------------------------------------------------------------------------------------------------
 
     @property
     def workspace_bounds(self) -> np.ndarray:
-        """``[3, 2]``, m: the part of the field in view, from just below the ground to 6 m."""
+        """``[3, 2]``, m: the part of the field in view, from just below the ground to above the highest top."""
         half = CELLS * self._pixel_size / 2
         x, y = self._location
-        return np.array([[x - half, x + half], [y - half, y + half], [-0.05, 6.0]])
+        return np.array([[x - half, x + half], [y - half, y + half], [FLOOR, MAX_TOP + 0.5]])
 
     @property
     def pixel_size(self) -> float:
@@ -118,77 +152,78 @@ class LandingEnv(DecisionEnv):
 
     @property
     def _default_sim_config(self) -> SimConfig:
-        return SimConfig(sim_freq=100, control_freq=5, scene_config=SceneConfig(bounce_threshold=5.0))
+        return SimConfig(
+            sim_freq=100,
+            control_freq=5,
+            scene_config=SceneConfig(bounce_threshold=5.0),
+            default_materials_config=DefaultMaterialsConfig(FRICTION, FRICTION, 0.0),
+        )
 
     @property
     def _default_sensor_configs(self) -> list[CameraConfig]:
-        # Wide enough for the rim of the map at the height of the tallest top.
-        half = CELLS * self._pixel_size / 2
-        fov = 2 * float(np.arctan(half / (self.altitude - 4.0)))
-        size = self.image_size
-        return [
-            CameraConfig("down", DOWN, size, size, fov, 0.1, 32.0, mount=self.agent.robot.links[0], shader_pack="minimal")
-        ]
+        # Wide enough for the rim of the map at the height of the highest top.
+        fov = 2 * float(np.arctan(CELLS * self._pixel_size / 2 / (self.altitude - MAX_TOP)))
+        mount = self.agent.robot.links[0]
+        return [CameraConfig("down", DOWN, self.image_size, self.image_size, fov, 0.1, 32.0, mount=mount, shader_pack="minimal")]
 
     @property
     def _default_human_render_camera_configs(self) -> CameraConfig:
-        pose = sapien_utils.look_at([11.0, -13.0, 10.0], [0.0, 0.0, 0.5])
-        return CameraConfig("view", pose, 960, 640, 0.9, 0.1, 100.0, shader_pack="default")
+        # Behind the aircraft, a little above, looking ahead and down.
+        behind = sapien.Pose([-2.4, 0.0, 1.5], [np.cos(0.22), 0.0, np.sin(0.22), 0.0])
+        return CameraConfig("behind", behind, 960, 640, 1.1, 0.05, 200.0, mount=self.agent.robot.links[0], shader_pack="default")
 
     def _load_agent(self, options: dict[str, Any], *args: Any, **kwargs: Any) -> None:
         super()._load_agent(options, sapien.Pose([0, 0, self.altitude]))
 
     def _load_lighting(self, options: dict[str, Any]) -> None:
-        self._sun = self.scene.sub_scenes[0].add_directional_light([0, 0, -1], [1, 1, 1])
+        scene = self.scene.sub_scenes[0]
+        self._sun = scene.add_directional_light([0, 0, -1], [1, 1, 1])
 
     def _load_scene(self, options: dict[str, Any]) -> None:
-        self._entities = []
+        gray = sapien.render.RenderMaterial(base_color=(*linear(COLORS["gray"], 0.75), 1.0), roughness=1.0)
+        pose, half = sapien.Pose([0, 0, -0.5]), [5 * HALF_SIZE, 5 * HALF_SIZE, 0.5]
         ground = self.scene.create_actor_builder()
-        gray = sapien.render.RenderMaterial(base_color=(*(np.array(COLORS["gray"]) / 255 * 0.8), 1.0))
-        half = [3 * HALF_SIZE, 3 * HALF_SIZE, 0.5]
-        ground.add_box_collision(sapien.Pose([0, 0, -0.5]), half)
-        ground.add_box_visual(sapien.Pose([0, 0, -0.5]), half, material=gray)
+        ground.add_box_collision(pose, half)
+        ground.add_box_visual(pose, half, material=gray)
         ground.initial_pose = sapien.Pose()
         ground.build_static("ground")
 
     def _initialize_episode(self, env_idx: torch.Tensor, options: dict[str, Any]) -> None:
-        # A generator of its own: what the blocks and places are depends on the reset's seed and on nothing drawn before.
-        self._rng = np.random.RandomState(int(self._episode_seed[0]))
-        count = self._rng.randint(self.block_range[0], self.block_range[1] + 1)
-        drawn = sample_field(self._rng, HALF_SIZE, count, self.incline_deg, self.inclined_share, gap=0.6)
+        # A generator of its own, so that scene and places depend on the reset's seed alone.
+        rng = self._rng = np.random.RandomState(int(self._episode_seed[0]))
+        count = rng.randint(self.block_range[0], self.block_range[1] + 1)
+        shades = 1 + self.light * np.array([-0.15, 0.1])
+        drawn = sample_field(rng, HALF_SIZE, count, self.incline_deg, self.inclined_share, tuple(shades))
         given = options.get("blocks")
         self.blocks = drawn if given is None else [Block(**block) for block in given]
         self._build_blocks()
-        tilt = self.light_variation * self._rng.uniform(-0.5, 0.5, 2)
-        self._sun.entity.set_pose(sapien.Pose([0, 0, 0], sapien.math.shortest_rotation([1, 0, 0], [*tilt, -1])))
-        strength = 1.6 * (1 + self.light_variation * self._rng.uniform(-0.25, 0.25))
-        self._sun.color = [strength] * 3
-        ambient = 0.45 * (1 + self.light_variation * self._rng.uniform(-0.25, 0.25))
-        self.scene.sub_scenes[0].set_ambient_light([ambient] * 3)
+        slant = self.light * rng.uniform(-0.5, 0.5, 2)
+        self._sun.entity.set_pose(sapien.Pose(q=sapien.math.shortest_rotation([1, 0, 0], [*slant, -1])))
+        self._sun.color = [2.2 * (1 + self.light * rng.uniform(-0.2, 0.2))] * 3
+        self.scene.sub_scenes[0].set_ambient_light([0.3 * (1 + self.light * rng.uniform(-0.2, 0.2))] * 3)
         self._landings = 0
         self._fly_to_new_place()
 
     def _build_blocks(self) -> None:
         scene = self.scene.sub_scenes[0]
-        for entity, _ in self._entities:
+        for entity in self._entities:
             scene.remove_entity(entity)
-        self._entities = []
-        surface = sapien.physx.PhysxMaterial(FRICTION, FRICTION, 0.0)
+        self._entities = {}
         for block in self.blocks:
             vertices, triangles, normals = mesh(block)
-            color = np.clip(np.array(COLORS[block.color]) / 255 * block.shade, 0, 1)
-            material = sapien.render.RenderMaterial(base_color=(*color, 1.0))
-            drawn = sapien.render.RenderBodyComponent()
+            material = sapien.render.RenderMaterial(base_color=(*linear(COLORS[block.color], block.shade), 1.0), roughness=1.0)
             uvs = np.zeros((len(vertices), 2), dtype=np.float32)
+            drawn = sapien.render.RenderBodyComponent()
             drawn.attach(sapien.render.RenderShapeTriangleMesh(vertices, triangles, normals, uvs, material))
             body = sapien.physx.PhysxRigidStaticComponent()
-            body.attach(sapien.physx.PhysxCollisionShapeConvexMesh(block.vertices.astype(np.float32), np.ones(3, np.float32), surface))
+            corners = block.vertices.astype(np.float32)
+            body.attach(sapien.physx.PhysxCollisionShapeConvexMesh(corners, np.ones(3, np.float32), sapien.physx.get_default_material()))
             entity = sapien.Entity()
             entity.set_name(block.name)
             entity.add_component(drawn)
             entity.add_component(body)
             scene.add_entity(entity)
-            self._entities.append((entity, block))
+            self._entities[entity] = block
 
     def _fly_to_new_place(self) -> None:
         reach = HALF_SIZE - CELLS * self._pixel_size / 2
@@ -202,64 +237,64 @@ class LandingEnv(DecisionEnv):
     # -- the primitive -------------------------------------------------------------------------------------------------
 
     def run_primitive(self, point: np.ndarray) -> tuple[dict[str, float], dict[str, float]]:
-        """Flies to above ``point`` ``[3]`` (m), descends until contact, lets the aircraft settle with its motors off."""
+        """Flies to above ``point`` ``[3]`` (m), descends until contact, and lets the aircraft come to rest with its motors off."""
         link = self.agent.robot.links[0]._objs[0]
-        above = np.array([point[0], point[1], self.altitude])
-        self._touch, self._watching = None, False
-        steps = 0
+        target, speed, steps = np.array([point[0], point[1], self.altitude]), CRUISE_SPEED, 0
+        self._touch = None
         while steps < self.control_steps and self._touch is None:
-            offset = np.linalg.norm(link.pose.p[:2] - point[:2])
-            speed = np.linalg.norm(link.linear_velocity[:2])
-            if above[2] == self.altitude and offset < 0.03 and speed < 0.2:
-                above[2] = point[2] + SLOW_BELOW / 2
-            if above[2] < self.altitude and link.pose.p[2] < point[2] + SLOW_BELOW:
-                self._watching = True
-                above[2] = point[2] - SLOW_BELOW
-            self.control_step(np.array([[*above, TOUCH_SPEED if self._watching else CRUISE_SPEED]]))
+            offset, drift = np.linalg.norm(link.pose.p[:2] - point[:2]), np.linalg.norm(link.linear_velocity[:2])
+            if target[2] == self.altitude and offset < 0.03 and drift < 0.2:
+                target[2] = point[2] + SLOW_BELOW / 2
+            if target[2] < self.altitude and link.pose.p[2] < point[2] + SLOW_BELOW:
+                target[2], speed = point[2] - SLOW_BELOW, TOUCH_SPEED
+            self.control_step(np.array([[*target, speed]]))
             steps += 1
-        self._watching = False
-        at_touch = link.pose.p.copy()
-        if self._touch is not None:
+        touched = self._touch
+        at = link.pose.p if touched is None else touched.spot
+        if touched is not None:
+            before = link.pose.p
             for _ in range(SETTLE_STEPS):
                 self.control_step(np.zeros((1, 4)))
-        up = link.pose.to_transformation_matrix()[2, 2]
+                steps += 1
+        slid = touched is not None and np.linalg.norm(link.pose.p[:2] - before[:2]) > SLID
+        up = np.clip(link.pose.to_transformation_matrix()[2, 2], -1, 1)
         metrics = {
-            "landing_offset_m": float(np.linalg.norm(at_touch[:2] - point[:2])),
-            "tilt_deg": float(np.rad2deg(np.arccos(np.clip(up, -1, 1)))),
-            "slid": float(np.linalg.norm(link.pose.p[:2] - at_touch[:2]) > self._pixel_size),
+            "landing_offset_m": float(np.linalg.norm(at[:2] - point[:2])),
+            "tilt_deg": float(np.rad2deg(np.arccos(up))),
+            "slid": float(slid),
             "control_steps": float(steps),
         }
-        return self._rewards(self._touch), metrics
+        return self._outcome_of(touched), metrics
 
     def _after_simulation_step(self) -> None:
-        if not self._watching or self._touch is not None:
+        if self._touch is not None:
             return
-        own = [link._objs[0] for link in self.agent.robot.links]
+        hull, foot = (link._objs[0] for link in self.agent.robot.links)
         for contact in self.scene.px.get_contacts():
-            others = [body for body in contact.bodies if body not in own]
-            touching = [p.position for p in contact.points if p.separation < 0.005]
-            if len(others) == 1 and touching:
-                block = next((block for entity, block in self._entities if entity == others[0].entity), None)
-                self._touch = np.mean(touching, axis=0), block
+            touching = [point.position for point in contact.points if point.separation < CONTACT]
+            own, other = sorted(contact.bodies, key=lambda body: body not in (hull, foot))
+            if touching:
+                self._touch = Touch(np.mean(touching, axis=0), own == foot, self._entities.get(other.entity))
                 self.agent.controller.reset()
                 return
 
-    def _rewards(self, touch: tuple[np.ndarray, Block | None] | None) -> dict[str, float]:
-        if touch is None:
+    def _outcome_of(self, touch: Touch | None) -> dict[str, float]:
+        if touch is None or not touch.foot:
             return dict.fromkeys(self.REWARD_COMPONENTS, 0.0)
-        spot, block = touch
-        if block is None:
-            return {"flatness": 1.0, "color": 0.0}
-        on_top = abs(spot[2] - float(block.top_at(spot[None, :2])[0])) < ON_FACE
-        return self._properties(block, on_top)
+        if touch.block is None:
+            return self._properties(None)
+        on_top = abs(touch.spot[2] - touch.block.top_at(touch.spot[None])[0]) < ON_TOP
+        return self._properties(touch.block) | ({} if on_top else {"flatness": 0.0})
 
     @staticmethod
-    def _properties(block: Block, on_top: bool) -> dict[str, float]:
-        theta = block.incline if on_top else 90.0
-        return {"flatness": float(theta <= FLAT_DEG), "color": float(block.color != "gray")}
+    def _properties(block: Block | None) -> dict[str, float]:
+        """Sub-rewards of a block's top; None: of the ground."""
+        if block is None:
+            return {"flatness": 1.0, "color": 0.0}
+        return {"flatness": float(block.flat), "color": float(block.color != "gray")}
 
     def episode_over(self) -> tuple[bool, bool]:
-        """After the last landing of the episode; else the agent is at its next place."""
+        """Terminated after the last landing of the episode; before that the agent is taken to its next place."""
         self._landings += 1
         over = self._landings >= self.landings_per_episode
         if not over:
@@ -268,61 +303,53 @@ class LandingEnv(DecisionEnv):
 
     # -- what the world knows: evaluation and perception only ----------------------------------------------------------
 
-    def _landable(self, block: Block) -> np.ndarray:
-        """``[M, 3]``: cells' points on the block's top with the whole pad over it, in view and not hidden by another block."""
+    def _in_view(self) -> tuple[np.ndarray, list[Block], np.ndarray]:
+        """Middles of the cells ``[A, 2]``, the B blocks that reach into at least one, and the distances ``[B, A]`` to their edges."""
         (x0, _), (y0, _), _ = self.workspace_bounds
-        centres = (np.arange(CELLS) + 0.5) * self._pixel_size
-        cells = np.stack(np.meshgrid(x0 + centres, y0 + centres), axis=-1).reshape(-1, 2)
-        cells = cells[block.covers(cells, PAD_MARGIN)]
-        points = np.column_stack((cells, block.top_at(cells)))
-        # From the middle outwards, a few are enough to know whether and where.
-        points = points[np.argsort(np.linalg.norm(block.local(cells), axis=1))][:12]
-        if not len(points):
-            return points
-        eye = np.array([*self._location, self.altitude])
-        rays = points[:, None] + np.linspace(0.01, 0.25, 60)[:, None] * (eye - points)[:, None]
-        flat = rays.reshape(-1, 3)
-        hidden = np.zeros(len(flat), dtype=bool)
-        for other in self.blocks:
-            if other is not block:
-                hidden |= other.covers(flat) & (flat[:, 2] < other.top_at(flat))
-        return points[~hidden.reshape(len(points), -1).any(1)]
+        middles = (np.arange(CELLS) + 0.5) * self._pixel_size
+        cells = np.stack(np.meshgrid(x0 + middles, y0 + middles), axis=-1).reshape(-1, 2)
+        near = [block for block in self.blocks if np.abs(np.array([block.x, block.y]) - self._location).max() < HALF_SIZE]
+        distances = [block.distance(cells) for block in near]
+        kept = [i for i, distance in enumerate(distances) if distance.min() <= self._pixel_size / 2]
+        return cells, [near[i] for i in kept], np.array([distances[i] for i in kept]).reshape(len(kept), len(cells))
 
-    def _choices(self) -> list[tuple[float, np.ndarray]]:
-        """Reward and point of each block that can be landed on, and of a spot of open ground."""
-        weight = dict(zip(self.REWARD_COMPONENTS, self.weights.tolist(), strict=True))
-        found = []
-        for block in self.blocks:
-            points = self._landable(block)
-            if len(points):
-                properties = self._properties(block, on_top=True)
-                found.append((sum(weight[name] * value for name, value in properties.items()), points[0]))
-        rng = np.random.RandomState(0)
-        for _ in range(200):
-            spot = self._location + rng.uniform(-0.4, 0.4, 2) * CELLS * self._pixel_size
-            if all(np.hypot(*(spot - (b.x, b.y))) > b.radius + 1.5 for b in self.blocks):
-                found.append((weight["flatness"], np.array([*spot, 0.0])))
-                break
-        return found
+    def _best(self) -> tuple[float, np.ndarray]:
+        """The highest reward of the cells that are in view, not hidden and have room for foot and hull; of those the roomiest point."""
+        cells, blocks, distances = self._in_view()
+        weigh = dict(zip(self.REWARD_COMPONENTS, self.weights.tolist(), strict=True))
+        rewards = np.array([sum(weigh[name] * r for name, r in self._properties(thing).items()) for thing in (None, *blocks)])
+        # Owner of a cell: 0 the ground, i + 1 block i.
+        owner = np.where((distances <= 0).any(0), distances.argmin(0) + 1, 0) if blocks else np.zeros(len(cells), dtype=int)
+        top, room = np.zeros(len(cells)), np.full(len(cells), np.inf)
+        for i, (block, distance) in enumerate(zip(blocks, distances, strict=True)):
+            own = owner == i + 1
+            top[own] = block.top_at(cells[own])
+            room = np.minimum(room, np.where(own, -distance - FOOT_ROOM, distance - HULL_ROOM))
+        points, eye = np.column_stack((cells, top)), np.array([*self._location, self.altitude])
+        for reward in sorted(set(rewards), reverse=True):
+            chosen = np.flatnonzero((rewards[owner] == reward) & (room >= 0))
+            seen = chosen[~np.any([np.zeros(len(chosen), dtype=bool)] + [block.hides(points[chosen], eye) for block in blocks], axis=0)]
+            if len(seen):
+                return float(reward), points[seen[room[seen].argmax()]]
+        return 0.0, np.array([*self._location, 0.0])
 
     def highest_reward(self) -> float:
-        """The highest reward of any place that is in view, not hidden, and wide enough for the pad."""
-        return max((reward for reward, _ in self._choices()), default=0.0)
+        """Σ_k w_k r_k of the best cell in view that is not hidden and has room for foot and hull (0.2 and 0.5 m)."""
+        return self._best()[0]
 
     def oracle_point(self) -> np.ndarray:
-        """``[3]``, m: the middle-most such place of the highest reward."""
-        return max(self._choices(), key=lambda choice: choice[0])[1]
+        """``[3]``, m: of the cells of the highest reward the one with the most room around it."""
+        return self._best()[1]
 
     def scene_objects(self) -> list[SceneObject]:
         """The blocks at least partly in view."""
-        (x0, x1), (y0, y1), _ = self.workspace_bounds
-        inside = [b for b in self.blocks if x0 < b.x + b.radius and b.x - b.radius < x1 and y0 < b.y + b.radius and b.y - b.radius < y1]
+        _, blocks, _ = self._in_view()
         return [
             SceneObject(
                 block.name,
                 block.footprint,
                 float(block.vertices[:, 2].max()),
-                {"color": block.color, "kind": "inclined block" if block.incline > 0 else "flat block", "incline_deg": block.incline},
+                {"color": block.color, "kind": block.kind, "incline_deg": block.incline},
             )
-            for block in inside
+            for block in blocks
         ]

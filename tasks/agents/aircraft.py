@@ -56,7 +56,7 @@ class ThrustController(BaseController):
         size = np.linalg.norm(acceleration)
         if size > config.max_acceleration:
             acceleration *= config.max_acceleration / size
-        force = self._mass * (acceleration + (0, 0, GRAVITY))
+        force = self._mass * (acceleration + np.array([0, 0, GRAVITY]))
         up = pose.to_transformation_matrix()[:3, 2]
         lean = np.cross(up, (0, 0, 1))
         torque = config.attitude_gain * lean - config.rate_gain * self._link.angular_velocity

@@ -1,0 +1,29 @@
+# `make train` and `make test` do everything on a fresh machine.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+
+.PHONY: setup train test lint paper
+
+# Quick the second time: the stamp is newer than what it was made from. A lost Vulkan driver is found either way.
+setup: $(VENV)/installed
+	@bash .ci/vulkan $(BIN)/python
+
+$(VENV)/installed: pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/pip install --quiet torch==2.13.0 --constraint constraints.txt
+	$(BIN)/pip install --quiet --editable '.[dev]' --constraint constraints.txt
+	@touch $@
+
+train: setup
+	$(BIN)/python -m xqmap.train +task=landing
+
+lint: setup
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+# What computes shares the two processors with its neighbour, so each process gets one thread.
+test: lint
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile

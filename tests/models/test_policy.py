@@ -1,0 +1,75 @@
+"""One argmax of the weighted sum, values that belong to the action, and exploration that stays where it may."""
+
+from __future__ import annotations
+
+import torch
+from tensordict import TensorDict
+
+from xqmap.models.policy import EpsilonGreedy, GreedyPolicy, masked_argmax, random_action
+from xqmap.models.qmaps import QMaps
+from xqmap.models.unet import LocalGeometry, UNet
+
+
+def qmaps(weights: list[float] | None = None) -> QMaps:
+    torch.manual_seed(0)
+    return QMaps(["a", "b"], LocalGeometry(0.25, 1.0, [3, 5], 9, 5.0), lambda c: UNet(c, 4, 2), weights)
+
+
+def scene(count: int = 2, rows: int = 18, columns: int = 22) -> TensorDict:
+    mask = torch.rand(count, rows * columns) < 0.3
+    return TensorDict({"heightmap": torch.rand(count, 4, rows, columns), "action_mask": mask}, batch_size=[count])
+
+
+def test_any_size_gives_maps_of_that_size() -> None:
+    for rows, columns in [(18, 22), (84, 84), (33, 47)]:
+        out = GreedyPolicy(qmaps())(scene(1, rows, columns))
+        assert out["component_action_value"].shape == (1, 2, rows * columns)
+
+
+def test_the_sum_is_weighted_and_the_values_are_those_at_the_action() -> None:
+    out = GreedyPolicy(qmaps([2.0, 0.5]))(scene())
+    maps = out["component_action_value"]
+    assert torch.allclose(out["action_value"], 2.0 * maps[:, 0] + 0.5 * maps[:, 1])
+    assert torch.equal(out["action"], masked_argmax(out["action_value"], out["action_mask"]))
+    rows = torch.arange(2)
+    assert torch.equal(out["chosen_component_value"], maps[rows, :, out["action"]])
+    assert torch.equal(out["chosen_action_value"][:, 0], out["action_value"][rows, out["action"]])
+
+
+def test_mask_is_obeyed_unless_it_allows_nothing() -> None:
+    values = torch.tensor([[3.0, 2.0, 1.0]])
+    assert masked_argmax(values, torch.tensor([[False, True, True]])).item() == 1
+    assert masked_argmax(values, torch.zeros(1, 3, dtype=torch.bool)).item() == 0
+
+
+def test_exploration_follows_its_schedule_and_counts() -> None:
+    explore = EpsilonGreedy(1.0, 0.0, 10, 0.0, 0.1, seed=0)
+    assert explore.eps == 1.0
+    td = GreedyPolicy(qmaps())(scene(1))
+    greedy = td["action"].clone()
+    for _ in range(10):
+        explore(td)
+    assert explore.eps == 0.0
+    td["action"] = greedy.clone()
+    assert torch.equal(explore(td)["action"], greedy)
+
+
+def test_random_actions_keep_to_the_mask_and_to_raised_cells() -> None:
+    generator = torch.Generator().manual_seed(0)
+    height = torch.tensor([0.0, 0.5, 0.5, 0.0])
+    allowed = torch.tensor([True, True, False, True])
+    assert {int(random_action(height, allowed, None, generator)) for _ in range(100)} == {0, 1, 3}
+    assert {int(random_action(height, allowed, 0.1, generator)) for _ in range(20)} == {1}
+    assert {int(random_action(height, ~height.bool(), 0.9, generator)) for _ in range(50)} == {0, 3}
+
+
+def test_stem_measures_slope_and_ignores_turns() -> None:
+    stem = LocalGeometry(0.25, 1.0, [3, 5], 9, 5.0)
+    rise = torch.arange(40.0) * 0.25 * torch.tan(torch.deg2rad(torch.tensor(8.0)))
+    image = torch.zeros(1, 4, 40, 40)
+    image[0, 3] = 50.0 + rise
+    features = stem(image)
+    assert torch.allclose(features[0, [5, 7], 20, 20] * 5.0, torch.tensor([8.0, 8.0]), atol=0.01)
+    assert float(features[0, [6, 8], 20, 20].max()) < 0.05
+    turned = stem(image.transpose(-1, -2))
+    assert torch.allclose(turned, features.transpose(-1, -2), atol=1e-3)

@@ -1,0 +1,147 @@
+"""The whole way in the toy world: training, interrupting, going on, loading, evaluating."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import torch
+from omegaconf import DictConfig
+from torchrl.envs.utils import check_env_specs
+
+from xqmap import build, checkpoint, commands, evaluation
+from xqmap.errors import UserError
+from xqmap.trainer import Trainer
+
+pytestmark = [pytest.mark.sim, pytest.mark.usefixtures("trust_toy"), pytest.mark.filterwarnings("ignore::FutureWarning")]
+
+
+def train(cfg: DictConfig, directory: Path, resume: bool = False) -> Trainer:
+    directory.mkdir(exist_ok=True)
+    trainer = Trainer(cfg, directory, resume)
+    trainer.run()
+    trainer.close()
+    return trainer
+
+
+def test_environment_keeps_its_specs(toy_config: Callable[..., DictConfig]) -> None:
+    env = build.make_env(toy_config(), 3)()
+    check_env_specs(env)
+    state = env.reset()
+    assert (env.scene_seed, state["heightmap"].shape) == (env.next_scene - 1, (4, 16, 16))
+    point = env.point(16 * 2 + 3)
+    assert env.action_at(point) == 16 * 2 + 3
+
+
+@pytest.mark.parametrize("method", ["xqmap", "qlearning", "hra"])
+def test_every_method_trains_evaluates_and_leaves_what_it_should(
+    toy_config: Callable[..., DictConfig], run_directory: Path, method: str
+) -> None:
+    cfg = toy_config(f"method={method}")
+    train(cfg, run_directory)
+    result = commands.evaluate_run(run_directory, cfg.evaluation, run_directory / "evaluation.json")
+    assert json.loads((run_directory / "evaluation.json").read_text()) == result
+    assert {"task", "method", "training_seed", "runs", "success", "baselines", "weights_sha256", "versions"} == set(result)
+    assert set(result["runs"][0]) == {"seed", "choices", "correct", "regret", "components"}
+    assert result["baselines"]["oracle"]["mean"] == 1.0
+    with open(run_directory / "metrics.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert float(rows[-1]["frames"]) == cfg.trainer.frames
+    assert all(f"return/{name}" in rows[0] for name in ("left", "right"))
+    assert float(rows[-1]["updates"]) > 0
+
+
+def test_an_agent_of_the_toy_world_finds_the_best_patch(toy_config: Callable[..., DictConfig], run_directory: Path) -> None:
+    cfg = toy_config("trainer.frames=240", "trainer.updates_per_frame=1", "trainer.batch_size=16", "exploration.annealing_frames=160")
+    train(cfg, run_directory)
+    run = checkpoint.load_run(run_directory)
+    env = build.make_env(cfg, 0)()
+    played = evaluation.play(evaluation.greedy(run.policy), env, seed=0, choices=20, until=None)
+    assert played["correct"] >= 18
+
+
+def test_a_run_that_was_interrupted_ends_like_one_that_was_not(toy_config: Callable[..., DictConfig], tmp_path: Path) -> None:
+    cfg = toy_config("trainer.frames=48", "trainer.checkpoint_period=8", "replay.capacity=30")
+    train(cfg, tmp_path / "whole")
+
+    (tmp_path / "part").mkdir()
+    part = Trainer(cfg, tmp_path / "part")
+    step = part._step
+
+    def interrupted(batch):  # type: ignore[no-untyped-def]
+        row = step(batch)
+        if part.frames >= 30:
+            raise KeyboardInterrupt
+        return row
+
+    part._step = interrupted  # type: ignore[method-assign]
+    with pytest.raises(KeyboardInterrupt):
+        part.run()
+    resumed = train(cfg, tmp_path / "part", resume=True)
+    assert resumed.frames == 48
+    shas = [checkpoint.load_run(tmp_path / name).sha256 for name in ("whole", "part")]
+    assert shas[0] == shas[1]
+    with open(tmp_path / "part" / "metrics.csv", newline="") as file:
+        frames = [float(row["frames"]) for row in csv.DictReader(file)]
+    assert frames == sorted(set(frames))
+
+
+def test_same_seed_same_weights_and_other_seed_others(toy_config: Callable[..., DictConfig], tmp_path: Path) -> None:
+    shas = []
+    for name, seed in [("a", 0), ("b", 0), ("c", 1)]:
+        train(toy_config(f"seed={seed}"), tmp_path / name)
+        shas.append(checkpoint.load_run(tmp_path / name).sha256)
+    assert shas[0] == shas[1] != shas[2]
+
+
+def test_damaged_foreign_and_missing_checkpoints_are_refused_by_name(toy_config: Callable[..., DictConfig], run_directory: Path) -> None:
+    with pytest.raises(UserError, match="there is no"):
+        checkpoint.load_run(run_directory)
+    train(toy_config(), run_directory)
+    path = run_directory / checkpoint.POLICY
+    whole = path.read_bytes()
+    for name, content in {
+        "truncated": whole[: len(whole) // 2],
+        "flipped": whole[:-5] + bytes([whole[-5] ^ 255]) + whole[-4:],
+        "foreign": b"not a checkpoint",
+    }.items():
+        path.write_bytes(content)
+        with pytest.raises(UserError, match="damaged|not written"):
+            checkpoint.load_run(run_directory)
+        assert name
+    path.write_bytes(whole)
+    checkpoint.load_run(run_directory)
+
+
+def test_a_strangers_settings_cannot_name_code(toy_config: Callable[..., DictConfig], monkeypatch: pytest.MonkeyPatch) -> None:
+    cfg = toy_config()
+    cfg.task.env = {"_target_": "tests.toy.ToyTask", "first": {"_target_": "os.system", "command": "true"}}
+    with pytest.raises(UserError, match=r"os\.system"):
+        build.task(cfg)
+
+
+def test_evaluation_and_training_never_share_a_scene() -> None:
+    last = 9999 + evaluation.SCENES_APART * 1000
+    assert last < evaluation.training_scenes(0)
+    assert evaluation.training_scenes(0) + evaluation.SCENES_PER_TRAINING <= evaluation.training_scenes(1)
+    assert evaluation.training_scenes(3000) + evaluation.SCENES_PER_TRAINING < 2**32
+
+
+def test_runs_end_by_choices_or_by_a_sum(toy_config: Callable[..., DictConfig]) -> None:
+    env = build.make_env(toy_config(), 0)()
+    assert evaluation.play(evaluation.oracle, env, 0, 7, None)["choices"] == 7
+    ended = evaluation.play(evaluation.oracle, env, 0, 50, {"left": 3.0})
+    assert ended["choices"] < 10
+    assert ended["components"]["left"] * ended["choices"] >= 3.0
+
+
+def test_nan_in_the_loss_stops_with_one_line(toy_config: Callable[..., DictConfig], run_directory: Path) -> None:
+    run_directory.mkdir()
+    trainer = Trainer(toy_config(), run_directory)
+    with torch.no_grad():
+        trainer.loss.value_network_params.apply(lambda p: p.data.fill_(float("nan")))
+    with pytest.raises(RuntimeError, match=r"trainer\.learning_rate"):
+        trainer.run()

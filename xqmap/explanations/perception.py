@@ -1,0 +1,171 @@
+"""What lies where, in words: from the world's own knowledge, or from the heightmap alone. Replaceable: a perception makes a Scene."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from matplotlib.path import Path as Outline
+
+from xqmap.envs.heightmap import PixelGrid
+
+
+@dataclass
+class Scene:
+    """The objects of one heightmap.
+
+    Attributes:
+        names: of the objects.
+        cells: ``[H, W]`` int: the object on each cell, −1 where there is none.
+        background: the name of what is there then.
+        bounds: ``[3][2]``, world metres.
+        height: ``[H, W]``, m above the floor of the bounds.
+    """
+
+    names: list[str]
+    cells: np.ndarray
+    background: str
+    bounds: Sequence[Sequence[float]]
+    height: np.ndarray
+
+    def index(self, pixel: tuple[int, int]) -> int | None:
+        """The object on a pixel (row, column); None for the background."""
+        found = int(self.cells[pixel])
+        return found if found >= 0 else None
+
+    def name(self, pixel: tuple[int, int]) -> str:
+        """What a pixel shows, in words."""
+        index = self.index(pixel)
+        return self.background if index is None else self.names[index]
+
+    def position(self, pixel: tuple[int, int]) -> tuple[float, float, float]:
+        """World x, y, z (m) of a pixel's centre."""
+        (x0, x1), (y0, y1), (z0, _) = self.bounds
+        rows, columns = self.cells.shape
+        x, y = x0 + (pixel[1] + 0.5) * (x1 - x0) / columns, y0 + (pixel[0] + 0.5) * (y1 - y0) / rows
+        return float(x), float(y), float(z0 + self.height[pixel])
+
+
+class Perception(Protocol):
+    """Names what is in a heightmap."""
+
+    def __call__(self, heightmap: np.ndarray, grid: PixelGrid, task: Any) -> Scene:
+        """``heightmap`` ``[4, H, W]`` (0–255 and m), its grid, and the world it came from (None where there is none)."""
+        ...
+
+
+class Simulator:
+    """What the world itself knows: the outlines of its objects, the highest on top."""
+
+    def __call__(self, heightmap: np.ndarray, grid: PixelGrid, task: Any) -> Scene:
+        """Rasterises the world's objects; see :class:`Perception`."""
+        rows, columns = grid.shape
+        (x0, _), (y0, _), _ = grid.bounds
+        x = x0 + (np.arange(columns) + 0.5) * grid.pixel_size
+        y = y0 + (np.arange(rows) + 0.5) * grid.pixel_size
+        centres = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+        things = sorted(task.scene_objects(), key=lambda thing: thing.top)
+        cells = np.full(rows * columns, -1)
+        for i, thing in enumerate(things):
+            cells[Outline(np.asarray(thing.footprint)).contains_points(centres)] = i
+        names = [thing.name for thing in things]
+        return Scene(names, cells.reshape(rows, columns), task.BACKGROUND, grid.bounds, heightmap[3])
+
+
+class Vision:
+    """From the heightmap alone: regions that stand up, their color by the nearest palette color, their shape by fits to the heights.
+
+    Args:
+        background: the name of what does not stand up.
+        palette: red, green, blue (0–255) by color name.
+        raised: height (m) above the background from which a cell belongs to an object.
+        smallest: cells an object has at least.
+        edge: rise (m) between neighbouring cells that separates two objects.
+        shapes: names with the rules that choose them, tried in order: each may bound ``slope`` (degrees, of the plane that fits the
+            region), ``hollow`` (how far the middle lies below the rim, m) and ``extent`` (longest side, m) from above by ``max_*`` and
+            from below by ``min_*``.
+        order: how a name is put together from ``{color}`` and ``{shape}``.
+    """
+
+    def __init__(
+        self,
+        background: str,
+        palette: Mapping[str, Sequence[int]],
+        raised: float,
+        smallest: int,
+        edge: float,
+        shapes: Mapping[str, Mapping[str, float]],
+        order: str,
+    ) -> None:
+        self.background, self.raised, self.smallest, self.edge = background, raised, smallest, edge
+        self.colors = list(palette)
+        self.palette = lab(np.array([palette[name] for name in self.colors], dtype=float))
+        self.shapes, self.order = shapes, order
+
+    def __call__(self, heightmap: np.ndarray, grid: PixelGrid, task: Any) -> Scene:
+        """Segments and names what stands up; see :class:`Perception`. The world is not asked."""
+        from scipy import ndimage
+
+        color, height = heightmap[:3], heightmap[3]
+        seen = (heightmap != 0).any(0)
+        floor = float(np.median(height[seen])) if seen.any() else 0.0
+        # Two objects that touch are told apart by the step between them.
+        steep = ndimage.maximum_filter(height, 3) - ndimage.minimum_filter(height, 3) > self.edge
+        cores, count = ndimage.label((height > floor + self.raised) & seen & ~steep)
+        regions, _ = ndimage.label((height > floor + self.raised) & seen)
+        cells, names = np.full(height.shape, -1), []
+        for core in range(1, count + 1):
+            inside = cores == core
+            if inside.sum() < self.smallest:
+                continue
+            grown = ndimage.binary_dilation(inside, iterations=2) & (regions == regions[tuple(np.argwhere(inside)[0])])
+            cells[grown & (cells < 0)] = len(names)
+            names.append(self._name(color[:, inside], height, inside, grid.pixel_size))
+        return Scene(names, cells, self.background, grid.bounds, height)
+
+    def _name(self, color: np.ndarray, height: np.ndarray, inside: np.ndarray, pixel_size: float) -> str:
+        shade = lab(np.median(color, axis=1)[None])[0]
+        # Lightness says more of the lamp than of the paint.
+        nearest = int(np.argmin(((self.palette - shade) ** 2 * (0.1, 1, 1)).sum(-1)))
+        rows, columns = np.nonzero(inside)
+        z = height[inside]
+        plane, *_ = np.linalg.lstsq(np.column_stack((rows, columns, np.ones(len(rows)))), z, rcond=None)
+        features = {
+            "slope": float(np.rad2deg(np.arctan(np.hypot(plane[0], plane[1]) / pixel_size))),
+            "hollow": float(np.quantile(z, 0.95) - np.median(z)),
+            "extent": float(max(np.ptp(rows), np.ptp(columns)) + 1) * pixel_size,
+        }
+        for shape, rules in self.shapes.items():
+            if all(_holds(rule, limit, features) for rule, limit in rules.items()):
+                return self.order.format(color=self.colors[nearest], shape=shape)
+        return f"{self.colors[nearest]} object"
+
+
+def _holds(rule: str, limit: float, features: dict[str, float]) -> bool:
+    side, _, name = rule.partition("_")
+    return features[name] <= limit if side == "max" else features[name] >= limit
+
+
+def lab(rgb: np.ndarray) -> np.ndarray:
+    """sRGB ``[N, 3]`` (0–255) to CIE L*a*b* (D65) ``[N, 3]``, where distance is about what a person sees (CIE 15:2004)."""
+    linear = rgb / 255
+    linear = np.where(linear > 0.04045, ((linear + 0.055) / 1.055) ** 2.4, linear / 12.92)
+    xyz = linear @ np.array([[0.4124, 0.2126, 0.0193], [0.3576, 0.7152, 0.1192], [0.1805, 0.0722, 0.9505]]) / (0.9505, 1.0, 1.089)
+    f = np.where(xyz > (6 / 29) ** 3, np.cbrt(xyz), xyz / (3 * (6 / 29) ** 2) + 4 / 29)
+    return np.stack((116 * f[:, 1] - 16, 500 * (f[:, 0] - f[:, 1]), 200 * (f[:, 1] - f[:, 2])), axis=-1)
+
+
+def agreement(first: Scene, second: Scene) -> tuple[int, int]:
+    """How often two perceptions say the same: ``(agreeing, compared)`` over the objects of ``first``, asked at their middle cells."""
+    agreeing = compared = 0
+    for index, name in enumerate(first.names):
+        cells = np.argwhere(first.cells == index)
+        if len(cells) < 9:
+            continue
+        middle = cells[np.argmin(((cells - cells.mean(0)) ** 2).sum(1))]
+        compared += 1
+        agreeing += re.sub(r"\s+", " ", name) == second.name((int(middle[0]), int(middle[1])))
+    return agreeing, compared

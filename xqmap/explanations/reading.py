@@ -1,0 +1,107 @@
+"""Decision files of strangers: every mistake is named with its place, before anything is built."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from xqmap.errors import UserError
+from xqmap.explanations.decision import SELECTED, Candidate, Decision
+
+_LONGEST_NAME = 200
+_MOST = 1000
+_LARGEST_VALUE = 1e9
+
+
+def parse(content: Any, source: str) -> Decision:
+    """The content of a ``decision.json`` as a :class:`Decision`.
+
+    Args:
+        content: what the JSON holds.
+        source: what messages call it, its path.
+
+    Raises:
+        UserError: naming ``source`` and the place that is wrong.
+    """
+
+    def wrong(place: str, why: str) -> UserError:
+        return UserError(f"{source}: {place} {why}")
+
+    def text(value: Any, place: str) -> str:
+        if not isinstance(value, str) or not value.strip():
+            raise wrong(place, "must be a text that is not empty")
+        if len(value) > _LONGEST_NAME:
+            raise wrong(place, f"is longer than {_LONGEST_NAME} characters")
+        # Control characters could move a terminal's cursor or hide text; a name has none.
+        return " ".join("".join(c if c.isprintable() else " " for c in value).split()) or "unnamed"
+
+    def number(value: Any, place: str) -> float:
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise wrong(place, "must be a number")
+        if not math.isfinite(value) or abs(value) > _LARGEST_VALUE:
+            raise wrong(place, f"must be a finite number of at most {_LARGEST_VALUE:g} in size")
+        return float(value)
+
+    def numbers(value: Any, count: int, place: str) -> tuple[float, ...] | None:
+        if value is None:
+            return None
+        if not isinstance(value, list) or len(value) != count:
+            raise wrong(place, f"must be a list of {count} numbers")
+        return tuple(number(v, f"{place}[{i}]") for i, v in enumerate(value))
+
+    if not isinstance(content, dict):
+        raise wrong("the file", "must hold a JSON object with task, components and candidates")
+    for key in ("task", "components", "candidates"):
+        if key not in content:
+            raise wrong(key, "is missing")
+    for key in ("components", "candidates"):
+        if not isinstance(content[key], list) or not content[key]:
+            raise wrong(key, "must be a list that is not empty")
+        if len(content[key]) > _MOST:
+            raise wrong(key, f"has more than {_MOST} entries")
+    components = tuple(text(name, f"components[{i}]") for i, name in enumerate(content["components"]))
+    if len(set(components)) < len(components):
+        raise wrong("components", "names one twice")
+
+    candidates: list[Candidate] = []
+    for i, entry in enumerate(content["candidates"]):
+        place = f"candidates[{i}]"
+        if not isinstance(entry, dict):
+            raise wrong(place, "must be an object with label, object and values")
+        label = text(entry.get("label"), f"{place}.label")
+        if label in {candidate.label for candidate in candidates}:
+            raise wrong(f"{place}.label", f"repeats {label!r}")
+        values = entry.get("values")
+        if not isinstance(values, dict):
+            raise wrong(f"{place}.values", "must be an object with a number per component")
+        for name in components:
+            if name not in values:
+                raise wrong(f"{place}.values", f"lacks the component {name!r}")
+        for name in values:
+            if name not in components:
+                raise wrong(f"{place}.values", f"has {name!r}, which is not among the components")
+        pixel = numbers(entry.get("pixel"), 2, f"{place}.pixel")
+        position = numbers(entry.get("position"), 3, f"{place}.position")
+        index = entry.get("object_index")
+        candidates.append(
+            Candidate(
+                label,
+                text(entry.get("object"), f"{place}.object"),
+                {name: number(values[name], f"{place}.values.{name}") for name in components},
+                (int(pixel[0]), int(pixel[1])) if pixel else None,
+                (position[0], position[1], position[2]) if position else None,
+                index if isinstance(index, int) and not isinstance(index, bool) else None,
+            )
+        )
+    if SELECTED not in {candidate.label for candidate in candidates}:
+        raise wrong("candidates", f"has none with the label {SELECTED!r}")
+    candidates.sort(key=lambda candidate: candidate.label != SELECTED)
+    seed, step, noise = content.get("scene_seed"), content.get("step"), content.get("noise")
+    return Decision(
+        text(content["task"], "task"),
+        components,
+        candidates,
+        scene_seed=seed if isinstance(seed, int) and not isinstance(seed, bool) else None,
+        step=step if isinstance(step, int) and not isinstance(step, bool) else 0,
+        noise={name: abs(number(noise[name], f"noise.{name}")) for name in components if name in noise} if isinstance(noise, dict) else {},
+    )
