@@ -12,6 +12,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from xqmap.envs.maniskill import ManiSkillEnv
 from xqmap.errors import UserError
+from xqmap.explanations.perception import Perception
 from xqmap.models.policy import EpsilonGreedy
 from xqmap.models.qmaps import QMaps
 from xqmap.models.unet import LocalGeometry, UNet
@@ -46,10 +47,12 @@ def task(cfg: DictConfig) -> Any:
         UserError: if its ``_target_`` is not one of our own packages.
     """
     settings = OmegaConf.to_container(cfg.task.env, resolve=True)
-    for target in _targets(settings):
-        if not target.startswith(TRUSTED):
-            raise UserError(f"task.env names {target!r}: only {' and '.join(name + '*' for name in TRUSTED)} are run")
-    return instantiate(settings, weights=dict(cfg.task.weights), _convert_="all")
+    return _trusted(settings, "task.env", weights=dict(cfg.task.weights))
+
+
+def perception(settings: DictConfig) -> Perception:
+    """What names the objects of a scene; see ``conf/explain/perception``."""
+    return _trusted(OmegaConf.to_container(settings, resolve=True), "perception")
 
 
 def make_env(cfg: DictConfig, first_scene: int) -> Callable[[], ManiSkillEnv]:
@@ -84,6 +87,13 @@ def loss(cfg: DictConfig, network: QMaps) -> DecomposedDQNLoss:
     module.set_keys(reward=cfg.method.reward_key)
     module.make_value_estimator(gamma=cfg.loss.gamma)
     return module
+
+
+def _trusted(settings: Any, where: str, **extra: Any) -> Any:
+    for target in _targets(settings):
+        if not target.startswith(TRUSTED):
+            raise UserError(f"{where} names {target!r}: only {' and '.join(name + '*' for name in TRUSTED)} are run")
+    return instantiate(settings, **extra, _convert_="all")
 
 
 def _targets(settings: Any) -> list[str]:

@@ -88,11 +88,12 @@ def read(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
 
 @dataclass
 class Run:
-    """A finished training: its settings, its policy and where it lies."""
+    """A finished training: its settings, its policy, its values' typical error by component, and where it lies."""
 
     directory: Path
     cfg: DictConfig
     policy: GreedyPolicy
+    noise: dict[str, float]
     sha256: str
 
 
@@ -112,7 +113,7 @@ def load_run(directory: str | Path) -> Run:
         network.load_state_dict(tensors)
     except RuntimeError as error:
         raise UserError(f"{directory / POLICY} does not fit its own settings ({str(error).splitlines()[0]}): train again") from None
-    return Run(directory, cfg, GreedyPolicy(network).eval(), facts["sha256"])
+    return Run(directory, cfg, GreedyPolicy(network).eval(), facts.get("noise", {}), facts["sha256"])
 
 
 def settings(facts: dict[str, Any], directory: Path) -> DictConfig:

@@ -6,10 +6,13 @@ import json
 from pathlib import Path
 from typing import Any
 
+import torch
 from omegaconf import DictConfig
+from torchrl.envs.utils import step_mdp
 
-from xqmap import build, checkpoint, evaluation
+from xqmap import build, checkpoint, doctor, evaluation, keys
 from xqmap.checkpoint import Run, load_run
+from xqmap.explanations import Decision
 
 
 def evaluate_run(run: Path | Run, settings: DictConfig, out: Path) -> dict[str, Any]:
@@ -42,3 +45,48 @@ def evaluate_run(run: Path | Run, settings: DictConfig, out: Path) -> dict[str, 
     print(evaluation.table(result))
     print(f"wrote {out}")
     return result
+
+
+def decide(run: Run, scene_seed: int, steps: int | None, perception: DictConfig) -> list[Decision]:
+    """The policy's successive decisions in one scene.
+
+    Args:
+        run: whose policy decides.
+        scene_seed: of the scene.
+        steps: how many decisions at most; None for the whole episode.
+        perception: settings of what names the objects (``conf/explain/perception``).
+    """
+    doctor.require_rendering()
+    see = build.perception(perception)
+    env = build.make_env(run.cfg, first_scene=scene_seed)()
+    decisions: list[Decision] = []
+    try:
+        state, done = env.reset(), False
+        while not done and (steps is None or len(decisions) < steps):
+            scene = see(state[keys.HEIGHTMAP].numpy(), env.grid, env.task)
+            decision = Decision.from_policy(
+                run.policy,
+                state,
+                scene,
+                task=run.cfg.task.name,
+                components=run.cfg.method.components,
+                scene_seed=scene_seed,
+                step=len(decisions),
+                noise=run.noise,
+            )
+            decisions.append(decision)
+            row, column = decision.selected.pixel or (0, 0)
+            state[keys.ACTION] = torch.tensor(row * env.grid.shape[1] + column)
+            if steps is None or len(decisions) < steps:
+                state = env.step(state)
+                done, state = bool(state["next", keys.DONE]), step_mdp(state)
+    finally:
+        env.close()
+    return decisions
+
+
+def default_folder(cfg: DictConfig, name: str) -> Path:
+    """Where a command writes that was not told: in the run's figures, or beside the decision file."""
+    if cfg.decision is not None:
+        return Path(cfg.decision).parent / name
+    return Path(cfg.run) / "figures" / f"scene{cfg.scene_seed}"

@@ -42,6 +42,8 @@ class Trainer:
         self.frames = self.updates = self.next_checkpoint = self.next_picture = 0
         self.seconds = {"infer": 0.0, "update": 0.0}
         self.stopped_by: int | None = None
+        # Running mean of |TD error|, by Q-Map: how far its values are typically off.
+        self.noise: dict[str, float] = {}
 
         first_scene = saved[1]["scene"] if saved else training_scenes(cfg.seed)
         self.env = build.make_env(cfg, first_scene)()
@@ -99,6 +101,7 @@ class Trainer:
     def save(self) -> None:
         """Writes the policy to hand out and everything needed to go on."""
         facts = {"config": OmegaConf.to_yaml(self.cfg, resolve=True), "pixel_size": self.env.grid.pixel_size, "frames": self.frames}
+        facts |= {"noise": self.noise}
         checkpoint.write(self.directory / checkpoint.POLICY, self.network.state_dict(), facts)
         tensors: dict[str, Tensor] = {f"loss/{name}": value for name, value in self.loss.state_dict().items() if isinstance(value, Tensor)}
         for i, state in self.optimizer.state_dict()["state"].items():
@@ -134,6 +137,9 @@ class Trainer:
             if losses:
                 mean = torch.stack(losses).mean(0).cpu()
                 row |= {_grouped(name): float(value) for name, value in mean.items()}
+                for name in self.cfg.method.components:
+                    error = row[f"td_error/{name}"]
+                    self.noise[name] = error + 0.95 * (self.noise.get(name, error) - error)
             self.seconds["update"] += time.perf_counter() - start
         row["updates"] = float(self.updates)
         row |= {f"share/{name}": value for name, value in self._shares().items()}
@@ -171,7 +177,7 @@ class Trainer:
             optimizer["state"].setdefault(int(i), {})[key] = tensor
         self.optimizer.load_state_dict(optimizer)
         self.replay.restore(parts["replay"], facts["cursor"])
-        self.frames, self.updates = facts["frames"], facts["updates"]
+        self.frames, self.updates, self.noise = facts["frames"], facts["updates"], facts["noise"]
         self.exploration.frames.fill_(facts["explored"])
         self.tracker.correct.extend(facts["correct"])
         self.target_updater.counter = facts["target_age"]
