@@ -36,14 +36,9 @@ class LocalGeometry(nn.Module):
         self.pixel_size, self.height_scale, self.slope_scale = pixel_size, height_scale, slope_scale
         self.plane_windows, self.surroundings = list(plane_windows), surroundings
         for edge in self.plane_windows:
-            cells = edge * edge
-            # One kernel per neighbour: its height less the cell's own, which keeps the squares below free of cancellation.
-            neighbours = torch.eye(cells).view(cells, 1, edge, edge)
-            neighbours[:, :, edge // 2, edge // 2] -= 1
             offset = torch.arange(edge, dtype=torch.float32) - edge // 2
             rise = (offset / (edge * offset.square().sum())).expand(edge, edge)
-            self.register_buffer(f"neighbours{edge}", neighbours, persistent=False)
-            self.register_buffer(f"plane{edge}", torch.stack((rise, rise.T)).reshape(2, cells, 1, 1), persistent=False)
+            self.register_buffer(f"plane{edge}", torch.stack((rise, rise.T))[:, None].contiguous(), persistent=False)
 
     @property
     def radius(self) -> int:
@@ -59,14 +54,17 @@ class LocalGeometry(nn.Module):
         """``[B, 4, H, W]`` → ``[B, channels, H, W]``."""
         color, height = heightmap[:, :3] / 127.5 - 1, heightmap[:, 3:]
         channels = [color, height / self.height_scale, (height - _mean(height, self.surroundings)) / self.height_scale]
+        rise = height / self.pixel_size
         for edge in self.plane_windows:
-            neighbours, plane = getattr(self, f"neighbours{edge}"), getattr(self, f"plane{edge}")
-            rises = F.conv2d(F.pad(height, (edge // 2,) * 4, mode="replicate"), neighbours) / self.pixel_size
-            steepness = F.conv2d(rises, plane).square().sum(1, keepdim=True)
+            padded = F.pad(rise, (edge // 2,) * 4, mode="replicate")
+            steepness = F.conv2d(padded, getattr(self, f"plane{edge}")).square().sum(1, keepdim=True)
             slope = torch.rad2deg(torch.atan(steepness.sqrt())) / self.slope_scale
-            unexplained = rises.var(1, keepdim=True, correction=0) - steepness * (edge**2 - 1) / 12
+            # In double precision: the variance is a small difference of large squares.
+            exact = padded.double()
+            variance = (F.avg_pool2d(exact.square(), edge, 1) - F.avg_pool2d(exact, edge, 1).square()).to(rise.dtype)
+            unexplained = (variance - steepness * (edge**2 - 1) / 12).clamp_min(0)
             # Residuals, in cells, are small numbers: ten times them is of the order of the other channels.
-            channels += [slope.clamp_max(4.0), (10 * unexplained.clamp_min(0).sqrt()).clamp_max(4.0)]
+            channels += [slope.clamp_max(4.0), (10 * unexplained.sqrt()).clamp_max(4.0)]
         return torch.cat(channels, dim=1)
 
 

@@ -55,4 +55,4 @@ def crop(heightmap: Tensor, action: Tensor, radius: int, stride: int) -> tuple[T
     column = starts[1][:, None] + torch.arange(sizes[1], device=action.device)
     batch = torch.arange(len(action), device=action.device)[:, None, None]
     windows = heightmap[batch, :, row[:, :, None], column[:, None, :]].permute(0, 3, 1, 2)
-    return windows, (cells[0] - starts[0]) * sizes[1] + cells[1] - starts[1]
+    return windows.contiguous(), (cells[0] - starts[0]) * sizes[1] + cells[1] - starts[1]
