@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+import sapien
 
 COLORS: dict[str, tuple[int, int, int]] = {
     "green": (72, 150, 62),
@@ -163,12 +164,30 @@ def sample_field(
     return blocks
 
 
-def linear(color: tuple[int, int, int], shade: float) -> tuple[float, ...]:
-    """The renderer's linear base color (0–1) that looks like the 8-bit ``color``, ``shade`` times as bright."""
-    return tuple(min((value / 255) ** 2.2 * shade, 1.0) for value in color)
+def material(color: str, shade: float) -> sapien.render.RenderMaterial:
+    """A dull material that looks like the 8-bit color of that name, ``shade`` times as bright (the renderer computes in linear light)."""
+    base = [min((value / 255) ** 2.2 * shade, 1.0) for value in COLORS[color]]
+    return sapien.render.RenderMaterial(base_color=(*base, 1.0), roughness=1.0)
 
 
-def mesh(block: Block) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def entity(block: Block) -> sapien.Entity:
+    """The block as a static body with its picture, not yet part of a scene."""
+    vertices, triangles, normals = _mesh(block)
+    drawn = sapien.render.RenderBodyComponent()
+    uvs = np.zeros((len(vertices), 2), dtype=np.float32)
+    look = material(block.color, block.shade)
+    drawn.attach(sapien.render.RenderShapeTriangleMesh(vertices, triangles, normals, uvs, look))
+    body = sapien.physx.PhysxRigidStaticComponent()
+    corners, scale = block.vertices.astype(np.float32), np.ones(3, dtype=np.float32)
+    body.attach(sapien.physx.PhysxCollisionShapeConvexMesh(corners, scale, sapien.physx.get_default_material()))
+    built = sapien.Entity()
+    built.set_name(block.name)
+    built.add_component(drawn)
+    built.add_component(body)
+    return built
+
+
+def _mesh(block: Block) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Triangles for drawing, each face with its own corners so that its edges are sharp: vertices, triangles, normals."""
     corners = block.vertices
     vertices = np.vstack([corners[list(face)] for face in FACES])

@@ -36,7 +36,8 @@ from mani_skill.utils.structs.types import DefaultMaterialsConfig, SceneConfig, 
 
 from tasks.agents.aircraft import Aircraft
 from tasks.base import DecisionEnv, SceneObject
-from tasks.blocks import COLORS, MAX_TOP, Block, linear, mesh, sample_field
+from tasks.blocks import MAX_TOP, Block, entity, material, sample_field
+from tasks.overview import best_place, in_view
 
 CELLS = 84
 HALF_SIZE = 20.0
@@ -55,16 +56,14 @@ SLID = 0.1
 # PhysX reports contacts a little early, and after one simulation step at most this deep (m).
 CONTACT = 0.005
 ON_TOP = 0.05
-# What a choice needs to be sure of its outcome: the foot this far inside the top's edges, the hull this far from other blocks (m).
-FOOT_ROOM = 0.2
-HULL_ROOM = 0.5
 
 
 @dataclass(frozen=True)
 class Touch:
-    """The first contact: where (``[3]``, world, m), whether with the foot, and with which block (None: the ground)."""
+    """The first contact: where, where the aircraft was (``[3]``, world, m), whether with its foot, with which block (None: the ground)."""
 
     spot: np.ndarray
+    aircraft: np.ndarray
     foot: bool
     block: Block | None
 
@@ -180,11 +179,10 @@ class LandingEnv(DecisionEnv):
         self._sun = self.scene.sub_scenes[0].add_directional_light([0, 0, -1], [1, 1, 1])
 
     def _load_scene(self, options: dict[str, Any]) -> None:
-        gray = sapien.render.RenderMaterial(base_color=(*linear(COLORS["gray"], 0.75), 1.0), roughness=1.0)
         pose, half = sapien.Pose([0, 0, -0.5]), [5 * HALF_SIZE, 5 * HALF_SIZE, 0.5]
         ground = self.scene.create_actor_builder()
         ground.add_box_collision(pose, half)
-        ground.add_box_visual(pose, half, material=gray)
+        ground.add_box_visual(pose, half, material=material("gray", 0.75))
         ground.initial_pose = sapien.Pose()
         ground.build_static("ground")
 
@@ -206,24 +204,11 @@ class LandingEnv(DecisionEnv):
 
     def _build_blocks(self) -> None:
         scene = self.scene.sub_scenes[0]
-        for entity in self._entities:
-            scene.remove_entity(entity)
-        self._entities = {}
-        for block in self.blocks:
-            vertices, triangles, normals = mesh(block)
-            material = sapien.render.RenderMaterial(base_color=(*linear(COLORS[block.color], block.shade), 1.0), roughness=1.0)
-            uvs = np.zeros((len(vertices), 2), dtype=np.float32)
-            drawn = sapien.render.RenderBodyComponent()
-            drawn.attach(sapien.render.RenderShapeTriangleMesh(vertices, triangles, normals, uvs, material))
-            body = sapien.physx.PhysxRigidStaticComponent()
-            corners = block.vertices.astype(np.float32)
-            body.attach(sapien.physx.PhysxCollisionShapeConvexMesh(corners, np.ones(3, np.float32), sapien.physx.get_default_material()))
-            entity = sapien.Entity()
-            entity.set_name(block.name)
-            entity.add_component(drawn)
-            entity.add_component(body)
-            scene.add_entity(entity)
-            self._entities[entity] = block
+        for built in self._entities:
+            scene.remove_entity(built)
+        self._entities = {entity(block): block for block in self.blocks}
+        for built in self._entities:
+            scene.add_entity(built)
 
     def _fly_to_new_place(self) -> None:
         reach = HALF_SIZE - CELLS * self._pixel_size / 2
@@ -249,22 +234,19 @@ class LandingEnv(DecisionEnv):
                 target[2], speed = point[2] - SLOW_BELOW, TOUCH_SPEED
             self.control_step(np.array([[*target, speed]]))
             steps += 1
-        touched = self._touch
-        at = link.pose.p if touched is None else touched.spot
-        if touched is not None:
-            before = link.pose.p
+        touch = self._touch or Touch(link.pose.p, link.pose.p, False, None)
+        if self._touch is not None:
             for _ in range(SETTLE_STEPS):
                 self.control_step(np.zeros((1, 4)))
-                steps += 1
-        slid = touched is not None and np.linalg.norm(link.pose.p[:2] - before[:2]) > SLID
+            steps += SETTLE_STEPS
         up = np.clip(link.pose.to_transformation_matrix()[2, 2], -1, 1)
         metrics = {
-            "landing_offset_m": float(np.linalg.norm(at[:2] - point[:2])),
+            "landing_offset_m": float(np.linalg.norm(touch.spot[:2] - point[:2])),
             "tilt_deg": float(np.rad2deg(np.arccos(up))),
-            "slid": float(slid),
+            "slid": float(np.linalg.norm(link.pose.p[:2] - touch.aircraft[:2]) > SLID),
             "control_steps": float(steps),
         }
-        return self._outcome_of(touched), metrics
+        return self._outcome_of(touch), metrics
 
     def _after_simulation_step(self) -> None:
         if self._touch is not None:
@@ -274,12 +256,12 @@ class LandingEnv(DecisionEnv):
             touching = [point.position for point in contact.points if point.separation < CONTACT]
             own, other = sorted(contact.bodies, key=lambda body: body not in (hull, foot))
             if touching:
-                self._touch = Touch(np.mean(touching, axis=0), own == foot, self._entities.get(other.entity))
+                self._touch = Touch(np.mean(touching, axis=0), hull.pose.p, own == foot, self._entities.get(other.entity))
                 self.agent.controller.reset()
                 return
 
-    def _outcome_of(self, touch: Touch | None) -> dict[str, float]:
-        if touch is None or not touch.foot:
+    def _outcome_of(self, touch: Touch) -> dict[str, float]:
+        if not touch.foot:
             return dict.fromkeys(self.REWARD_COMPONENTS, 0.0)
         if touch.block is None:
             return self._properties(None)
@@ -303,36 +285,13 @@ class LandingEnv(DecisionEnv):
 
     # -- what the world knows: evaluation and perception only ----------------------------------------------------------
 
-    def _in_view(self) -> tuple[np.ndarray, list[Block], np.ndarray]:
-        """Middles of the cells ``[A, 2]``, the B blocks that reach into at least one, and the distances ``[B, A]`` to their edges."""
-        (x0, _), (y0, _), _ = self.workspace_bounds
-        middles = (np.arange(CELLS) + 0.5) * self._pixel_size
-        cells = np.stack(np.meshgrid(x0 + middles, y0 + middles), axis=-1).reshape(-1, 2)
-        half = CELLS * self._pixel_size / 2
-        near = [block for block in self.blocks if np.abs(self._location - (block.x, block.y)).max() < half + block.radius]
-        distances = [block.distance(cells) for block in near]
-        kept = [i for i, distance in enumerate(distances) if distance.min() <= self._pixel_size / 2]
-        return cells, [near[i] for i in kept], np.array([distances[i] for i in kept]).reshape(len(kept), len(cells))
-
     def _best(self) -> tuple[float, np.ndarray]:
-        """The highest reward of the cells that are in view, not hidden and have room for foot and hull; of those the roomiest point."""
-        cells, blocks, distances = self._in_view()
         weigh = dict(zip(self.REWARD_COMPONENTS, self.weights.tolist(), strict=True))
-        rewards = np.array([sum(weigh[name] * r for name, r in self._properties(thing).items()) for thing in (None, *blocks)])
-        # Owner of a cell: 0 the ground, i + 1 block i.
-        owner = np.where((distances <= 0).any(0), distances.argmin(0) + 1, 0) if blocks else np.zeros(len(cells), dtype=int)
-        top, room = np.zeros(len(cells)), np.full(len(cells), np.inf)
-        for i, (block, distance) in enumerate(zip(blocks, distances, strict=True)):
-            own = owner == i + 1
-            top[own] = block.top_at(cells[own])
-            room = np.minimum(room, np.where(own, -distance - FOOT_ROOM, distance - HULL_ROOM))
-        points, eye = np.column_stack((cells, top)), np.array([*self._location, self.altitude])
-        for reward in sorted(set(rewards), reverse=True):
-            chosen = np.flatnonzero((rewards[owner] == reward) & (room >= 0))
-            seen = chosen[~np.any([np.zeros(len(chosen), dtype=bool)] + [block.hides(points[chosen], eye) for block in blocks], axis=0)]
-            if len(seen):
-                return float(reward), points[seen[room[seen].argmax()]]
-        return 0.0, np.array([*self._location, 0.0])
+
+        def reward(thing: Block | None) -> float:
+            return sum(weigh[name] * value for name, value in self._properties(thing).items())
+
+        return best_place(self.blocks, self.workspace_bounds, self._pixel_size, self.altitude, reward)
 
     def highest_reward(self) -> float:
         """Σ_k w_k r_k of the best cell in view that is not hidden and has room for foot and hull (0.2 and 0.5 m)."""
@@ -344,7 +303,6 @@ class LandingEnv(DecisionEnv):
 
     def scene_objects(self) -> list[SceneObject]:
         """The blocks at least partly in view."""
-        _, blocks, _ = self._in_view()
         return [
             SceneObject(
                 block.name,
@@ -352,5 +310,5 @@ class LandingEnv(DecisionEnv):
                 float(block.vertices[:, 2].max()),
                 {"color": block.color, "kind": block.kind, "incline_deg": block.incline},
             )
-            for block in blocks
+            for block in in_view(self.blocks, self.workspace_bounds, self._pixel_size)
         ]
