@@ -25,7 +25,7 @@ def toy_config() -> Callable[..., DictConfig]:
         with open_dict(cfg):
             cfg.task.name = "toy"
             cfg.task.components = list(ToyTask.REWARD_COMPONENTS)
-            cfg.task.weights = {name: 1.0 for name in ToyTask.REWARD_COMPONENTS}
+            cfg.task.weights = dict.fromkeys(ToyTask.REWARD_COMPONENTS, 1.0)
             cfg.task.env = {"_target_": "tests.toy.ToyTask"}
         return cfg
 

@@ -53,7 +53,8 @@ def test_augmentation_moves_map_action_and_mask_together(rows: int, columns: int
     assert torch.equal(cells.argmax(-1), after["action"])
     assert torch.equal(after["next", "action_mask"], cells.bool())
     assert 0.5 < float((after["action"] != before).float().mean()) < 1.0
-    assert len({tuple(transform(torch.arange(rows * columns).view(rows, columns), e).flatten().tolist()) for e in range(elements)}) == elements
+    cell = torch.arange(rows * columns).view(rows, columns)
+    assert len({tuple(transform(cell, element).flatten().tolist()) for element in range(elements)}) == elements
 
 
 def test_sampling_repeats_by_seed_and_survives_a_restore() -> None:

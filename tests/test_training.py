@@ -109,7 +109,7 @@ def test_damaged_foreign_and_missing_checkpoints_are_refused_by_name(toy_config:
         "foreign": b"not a checkpoint",
     }.items():
         path.write_bytes(content)
-        with pytest.raises(UserError, match="damaged|not written"):
+        with pytest.raises(UserError, match=r"damaged|not written"):
             checkpoint.load_run(run_directory)
         assert name
     path.write_bytes(whole)

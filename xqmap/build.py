@@ -62,9 +62,7 @@ def make_env(cfg: DictConfig, first_scene: int) -> Callable[[], ManiSkillEnv]:
 
 def qmaps(cfg: DictConfig, pixel_size: float) -> QMaps:
     """The K untrained U-Nets of ``cfg.method`` and ``cfg.qnet``, for cells of ``pixel_size`` metres."""
-    stem = LocalGeometry(
-        pixel_size, cfg.qnet.height_scale, list(cfg.qnet.plane_windows), cfg.qnet.surroundings, cfg.qnet.slope_scale
-    )
+    stem = LocalGeometry(pixel_size, cfg.qnet.height_scale, list(cfg.qnet.plane_windows), cfg.qnet.surroundings, cfg.qnet.slope_scale)
     network = QMaps(cfg.method.components, stem, partial(UNet, width=cfg.qnet.width, depth=cfg.qnet.depth), cfg.method.weights)
     return network.to(device(cfg), memory_format=torch.channels_last)
 

@@ -14,7 +14,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import torch
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 from safetensors import SafetensorError, safe_open
@@ -125,4 +124,3 @@ def settings(facts: dict[str, Any], directory: Path) -> DictConfig:
     if not isinstance(cfg, DictConfig):
         raise UserError(f"{directory} carries no readable settings: train again")
     return cfg
-

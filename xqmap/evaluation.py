@@ -75,9 +75,7 @@ BASELINES: dict[str, Chooser] = {
 }
 
 
-def play(
-    choose: Chooser, env: ManiSkillEnv, seed: int, choices: int, until: dict[str, float] | None
-) -> dict[str, Any]:
+def play(choose: Chooser, env: ManiSkillEnv, seed: int, choices: int, until: dict[str, float] | None) -> dict[str, Any]:
     """One evaluation run: scene after scene until the choices are made or a sub-reward has summed up.
 
     Args:
@@ -121,7 +119,7 @@ def evaluate(
         The part of ``evaluation.json`` that playing decides: ``runs``, ``success``, ``baselines``.
     """
     choosers = {"policy": greedy(policy)} | (BASELINES if baselines else {})
-    table = {}
+    table: dict[str, list[dict[str, Any]]] = {}
     with tqdm(total=len(choosers) * len(seeds), unit="run", desc="evaluating", mininterval=1.0) as bar:
         for name, choose in choosers.items():
             table[name] = []
@@ -148,7 +146,5 @@ def table(result: dict[str, Any]) -> str:
     lines.append(f"{'':<15}{'best choices':>14}{'± over runs':>13}{'95 % interval':>19}{'choices':>9}{'regret':>9}")
     for name, row, regret in rows:
         low, high = row["ci95"]
-        lines.append(
-            f"{name:<15}{row['mean']:>13.1%} {row['std']:>12.1%}{f'{low:.1%} – {high:.1%}':>19}{row['choices']:>9}{regret:>9.3f}"
-        )
+        lines.append(f"{name:<15}{row['mean']:>13.1%} {row['std']:>12.1%}{f'{low:.1%} – {high:.1%}':>19}{row['choices']:>9}{regret:>9.3f}")
     return "\n".join(lines)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from hydra.core.config_store import ConfigStore
-from omegaconf import MISSING, DictConfig, OmegaConf
+from omegaconf import MISSING, DictConfig, ListConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from xqmap.errors import UserError
@@ -133,7 +133,7 @@ def register() -> None:
         OmegaConf.register_new_resolver("range", lambda start, stop: list(range(start, stop)))
 
 
-def typed(cfg: DictConfig) -> DictConfig:
+def typed(cfg: DictConfig | ListConfig) -> DictConfig:
     """Stored settings with their types back.
 
     Raises:

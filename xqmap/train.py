@@ -38,7 +38,8 @@ def train(cfg: DictConfig) -> None:
     trainer = Trainer(cfg, directory, resume=resumed)
     try:
         trainer.run()
-        print(f"{trainer.frames} decisions and {trainer.updates} updates in {time.perf_counter() - start:.0f} s; policy in {directory / checkpoint.POLICY}")
+        seconds = time.perf_counter() - start
+        print(f"{trainer.frames} decisions and {trainer.updates} updates in {seconds:.0f} s; policy in {directory / checkpoint.POLICY}")
         if trainer.stopped_by:
             print(f"stopped; go on with: python -m xqmap.train resume={directory}")
             sys.exit(128 + trainer.stopped_by)

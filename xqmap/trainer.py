@@ -135,7 +135,7 @@ class Trainer:
             due = round(self.cfg.trainer.updates_per_frame * (self.frames - self.cfg.trainer.warmup_frames))
             losses = [self._update() for _ in range(due - self.updates)]
             if losses:
-                mean = torch.stack(losses).mean(0).cpu()
+                mean: TensorDictBase = torch.stack(losses).mean(0).cpu()
                 row |= {_grouped(name): float(value) for name, value in mean.items()}
                 for name in self.cfg.method.components:
                     error = row[f"td_error/{name}"]

@@ -102,5 +102,5 @@ def test_pixel_to_metre_and_back(row: int, column: int, height: float) -> None:
 
 @pytest.mark.parametrize(("bounds", "size"), [([[1, 0], [0, 1], [0, 1]], 0.1), ([[0, 1], [0, 1]], 0.1), ([[0, 1]] * 3, 0)])
 def test_impossible_grids_are_refused(bounds: list[list[float]], size: float) -> None:
-    with pytest.raises(ValueError, match="bounds|pixel_size"):
+    with pytest.raises(ValueError, match=r"bounds|pixel_size"):
         PixelGrid(bounds, size)

@@ -260,9 +260,7 @@ def test_windows_give_the_dense_loss_and_gradient(rows: int, columns: int, depth
     count = len(action)
     following = {"heightmap": torch.rand(count, 4, rows, columns), "reward_components": torch.rand(count, 2)}
     following |= {"done": torch.zeros(count, 1, dtype=torch.bool), "terminated": torch.zeros(count, 1, dtype=torch.bool)}
-    batch = TensorDict(
-        {"heightmap": torch.rand(count, 4, rows, columns), "action": action, "next": following}, batch_size=[count]
-    )
+    batch = TensorDict({"heightmap": torch.rand(count, 4, rows, columns), "action": action, "next": following}, batch_size=[count])
     results = []
     for windowed in (False, True):
         loss = make_loss(network, ["a", "b"], windowed=windowed)

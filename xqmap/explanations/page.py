@@ -6,6 +6,7 @@ import base64
 import io
 from collections.abc import Callable, Sequence
 from html import escape
+from pathlib import Path
 
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
@@ -14,16 +15,7 @@ from xqmap.explanations import plots
 from xqmap.explanations.decision import Decision
 from xqmap.explanations.sentences import number, signed
 
-_STYLE = """
-:root { color-scheme: light dark; --ink: #1c2024; --paper: #fff; --line: #d5d9de; --soft: #5a6470; }
-@media (prefers-color-scheme: dark) { :root { --ink: #e8eaed; --paper: #16191d; --line: #3a4048; --soft: #a0a8b2; } img { background: #fff; border-radius: 6px; } }
-body { font: 16px/1.55 system-ui, sans-serif; color: var(--ink); background: var(--paper); max-width: 1080px; margin: 2rem auto; padding: 0 1rem; }
-h1 { font-size: 1.5rem; } h2 { font-size: 1.15rem; margin-top: 2.2rem; border-top: 1px solid var(--line); padding-top: 1.2rem; }
-img { max-width: 100%; height: auto; } figcaption, .soft { color: var(--soft); font-size: .88rem; } figure { margin: 1rem 0; }
-table { border-collapse: collapse; margin: .6rem 0 1.2rem; } th, td { padding: .25rem .8rem; border-bottom: 1px solid var(--line); text-align: right; }
-th:first-child, td:first-child, td.text, th.text { text-align: left; } blockquote { margin: .6rem 0; padding: .2rem 1rem; border-left: 4px solid #0072B2; }
-@media print { body { max-width: none; margin: 0; } h2 { break-after: avoid; } figure, table { break-inside: avoid; } }
-"""
+_STYLE = Path(__file__).with_name("page.css").read_text(encoding="utf-8")
 
 
 def page(decisions: Sequence[Decision], dialogue: Sequence[tuple[str, str]] = ()) -> str:
@@ -38,7 +30,10 @@ def page(decisions: Sequence[Decision], dialogue: Sequence[tuple[str, str]] = ()
     seed = "" if first.scene_seed is None else f" Scene {first.scene_seed}."
     body = [f"<h1>{escape(title)}</h1>", f'<p class="soft">Components: {escape(", ".join(first.components))}.{seed}</p>']
     if len(decisions) > 1:
-        body += ["<h2>Over the episode</h2>", _picture(lambda: over_time(decisions), "The selected action's component values, decision by decision.")]
+        body += [
+            "<h2>Over the episode</h2>",
+            _picture(lambda: over_time(decisions), "The selected action's component values, decision by decision."),
+        ]
     for decision in decisions:
         body += _decision(decision, heading=len(decisions) > 1)
     if dialogue:
@@ -53,7 +48,7 @@ def page(decisions: Sequence[Decision], dialogue: Sequence[tuple[str, str]] = ()
 
 def over_time(decisions: Sequence[Decision]) -> Figure:
     """How the selected action's values move over an episode: a stacked line of components and their sum."""
-    with plt.rc_context(plots._STYLE):
+    with plt.rc_context(plots.STYLE):
         figure, axis = plt.subplots(figsize=(9, 3), layout="constrained")
         steps = [decision.step + 1 for decision in decisions]
         for name in decisions[0].components:
@@ -71,9 +66,18 @@ def _decision(decision: Decision, heading: bool) -> list[str]:
     parts += [f"<blockquote>{escape(said['shallow'])}</blockquote>"]
     if decision.maps is not None:
         marks = "; ".join(f"{c.label}: {c.object}" for c in decision.candidates)
-        parts.append(_picture(lambda: plots.qmaps(decision), f"The scene and the Q-Maps over it. ★ selected, letters the best for one component. {marks}."))
+        parts.append(
+            _picture(
+                lambda: plots.qmaps(decision), f"The scene and the Q-Maps over it. ★ selected, letters the best for one component. {marks}."
+            )
+        )
     parts.append("<h2>Values of the candidates</h2>" if not heading else "<h3>Values of the candidates</h3>")
-    parts.append(_picture(lambda: plots.bars(decision), "Component values of each candidate, and differences (RDX) of each pair; the tables hold the same."))
+    parts.append(
+        _picture(
+            lambda: plots.bars(decision),
+            "Component values of each candidate, and differences (RDX) of each pair; the tables hold the same.",
+        )
+    )
     head = "".join(f"<th>{escape(name)}</th>" for name in decision.components)
     rows = [
         f'<tr><td>{escape(c.label)}</td><td class="text">{escape(c.object)}</td>'
@@ -98,4 +102,5 @@ def _picture(draw: Callable[[], Figure], caption: str) -> str:
     figure.savefig(buffer, format="png", dpi=110)
     plt.close(figure)
     data = base64.b64encode(buffer.getvalue()).decode()
-    return f'<figure><img alt="{escape(caption, quote=True)}" src="data:image/png;base64,{data}"><figcaption>{escape(caption)}</figcaption></figure>'
+    caption = escape(caption, quote=True)
+    return f'<figure><img alt="{caption}" src="data:image/png;base64,{data}"><figcaption>{caption}</figcaption></figure>'

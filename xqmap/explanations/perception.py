@@ -116,7 +116,8 @@ class Vision:
         steep = ndimage.maximum_filter(height, 3) - ndimage.minimum_filter(height, 3) > self.edge
         cores, count = ndimage.label((height > floor + self.raised) & seen & ~steep)
         regions, _ = ndimage.label((height > floor + self.raised) & seen)
-        cells, names = np.full(height.shape, -1), []
+        cells = np.full(height.shape, -1)
+        names: list[str] = []
         for core in range(1, count + 1):
             inside = cores == core
             if inside.sum() < self.smallest:
@@ -150,7 +151,7 @@ def _holds(rule: str, limit: float, features: dict[str, float]) -> bool:
 
 
 def lab(rgb: np.ndarray) -> np.ndarray:
-    """sRGB ``[N, 3]`` (0–255) to CIE L*a*b* (D65) ``[N, 3]``, where distance is about what a person sees (CIE 15:2004)."""
+    """SRGB ``[N, 3]`` (0–255) to CIE L*a*b* (D65) ``[N, 3]``, where distance is about what a person sees (CIE 15:2004)."""
     linear = rgb / 255
     linear = np.where(linear > 0.04045, ((linear + 0.055) / 1.055) ** 2.4, linear / 12.92)
     xyz = linear @ np.array([[0.4124, 0.2126, 0.0193], [0.3576, 0.7152, 0.1192], [0.1805, 0.0722, 0.9505]]) / (0.9505, 1.0, 1.089)

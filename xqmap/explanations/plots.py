@@ -18,7 +18,7 @@ from xqmap.explanations.decision import SELECTED, Decision
 from xqmap.explanations.sentences import number, signed
 
 PALETTE = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#F0E442", "#000000")
-_STYLE: dict[str, Any] = {
+STYLE: Any = {
     "font.size": 10,
     "axes.spines.top": False,
     "axes.spines.right": False,
@@ -36,7 +36,7 @@ def color_of(decision: Decision, component: str) -> str:
 
 def qmaps(decision: Decision) -> Figure:
     """Part 1: the scene, each component's Q-Map and their sum over it, with the candidates marked."""
-    with plt.rc_context(_STYLE):
+    with plt.rc_context(STYLE):
         panels = len(decision.components) + 2
         rows, columns = _maps(decision).shape[-2:]
         tall = rows > columns
@@ -47,7 +47,7 @@ def qmaps(decision: Decision) -> Figure:
 
 def values(decision: Decision) -> Figure:
     """Part 2a: the component values of every candidate, side by side, and their sum."""
-    with plt.rc_context(_STYLE):
+    with plt.rc_context(STYLE):
         figure, axes = plt.subplots(figsize=(1.8 + 1.5 * len(decision.candidates), 3.4), layout="constrained")
         _draw_values(decision, axes)
         return figure
@@ -55,7 +55,7 @@ def values(decision: Decision) -> Figure:
 
 def rdx(decision: Decision) -> Figure:
     """Part 2b: the differences Δ_k of every pair of candidates; bars to the right of zero speak for the first of the pair."""
-    with plt.rc_context(_STYLE):
+    with plt.rc_context(STYLE):
         figure, axes = plt.subplots(figsize=(1.8 + 1.5 * len(decision.pairs), 3.4), layout="constrained")
         _draw_rdx(decision, axes)
         return figure
@@ -63,7 +63,7 @@ def rdx(decision: Decision) -> Figure:
 
 def bars(decision: Decision) -> Figure:
     """Part 2 as one figure: values and differences."""
-    with plt.rc_context(_STYLE):
+    with plt.rc_context(STYLE):
         count = len(decision.candidates) + len(decision.pairs)
         figure, axes = plt.subplots(
             1, 2, figsize=(3 + 1.3 * count, 3.4), layout="constrained", width_ratios=(len(decision.candidates), len(decision.pairs))
@@ -75,10 +75,10 @@ def bars(decision: Decision) -> Figure:
 
 def overview(decision: Decision, dialogue: list[tuple[str, str]] | None = None) -> Figure:
     """The whole explanation as one figure: maps, bars, sentences, and a piece of a dialogue ``[(question, answer), …]``."""
-    with plt.rc_context(_STYLE):
+    with plt.rc_context(STYLE):
         panels = len(decision.components) + 2
         figure = plt.figure(figsize=(max(11, 2.9 * panels), 10.5 if dialogue else 8.6), layout="constrained")
-        parts = figure.subfigures(4 if dialogue else 3, 1, height_ratios=(3.4, 3.2, 2.1, 2.2)[: 4 if dialogue else 3])
+        parts: Any = figure.subfigures(4 if dialogue else 3, 1, height_ratios=(3.4, 3.2, 2.1, 2.2)[: 4 if dialogue else 3])
         if decision.maps is not None:
             _draw_maps(decision, list(np.atleast_1d(parts[0].subplots(1, panels))))
         else:
@@ -165,7 +165,9 @@ def _draw_values(decision: Decision, axis: Axes) -> None:
     _grouped(decision, axis, groups, number)
     for i, candidate in enumerate(decision.candidates):
         axis.plot([i - 0.42, i + 0.42], [candidate.overall] * 2, color="0.25", lw=1.4)
-        axis.annotate(f"Σ {number(candidate.overall)}", (i, candidate.overall), xytext=(0, 3), textcoords="offset points", ha="center", fontsize=8)
+        axis.annotate(
+            f"Σ {number(candidate.overall)}", (i, candidate.overall), xytext=(0, 3), textcoords="offset points", ha="center", fontsize=8
+        )
     axis.set_xticks(range(len(groups)), ["\n".join([c.label, *textwrap.wrap(c.object, 12)]) for c in decision.candidates], fontsize=8)
     axis.set_ylabel("value")
     axis.set_title("Values of each candidate")

@@ -86,4 +86,4 @@ class QMaps(TensorDictModuleBase):
         total = (values * self.weights[:, None]).sum(-2)
         tensordict.set(keys.COMPONENT_ACTION_VALUE, values)
         tensordict.set(keys.ACTION_VALUE, total)
-        return write_chosen(tensordict) if keys.ACTION in tensordict.keys() else tensordict
+        return tensordict if tensordict.get(keys.ACTION, None) is None else write_chosen(tensordict)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import torch
-from tensordict import TensorDict, TensorDictBase
+from tensordict import TensorDict, TensorDictBase, unravel_key
 from tensordict.nn import TensorDictModuleBase, TensorDictParams, dispatch
 from tensordict.utils import NestedKey
 from torch import Tensor
@@ -97,8 +97,8 @@ class DecomposedDQNLoss(LossModule):
         windowed: bool = False,
         reduction: Literal["mean", "sum", "none"] = "mean",
     ) -> None:
-        self._in_keys = None
-        self._out_keys = None
+        self._in_keys: list[NestedKey] | None = None
+        self._out_keys: list[str] | None = None
         super().__init__()
         if windowed and not can_window(value_network):
             raise ValueError(
@@ -126,8 +126,8 @@ class DecomposedDQNLoss(LossModule):
         """What a call by keyword needs."""
         if self._in_keys is None:
             k = self.tensor_keys
-            following = [*self.value_network.in_keys, k.reward, k.done, k.terminated]
-            self._in_keys = [k.action, *self.value_network.in_keys, *((("next", key) if isinstance(key, str) else ("next", *key)) for key in following)]
+            following = [unravel_key(("next", key)) for key in (*self.value_network.in_keys, k.reward, k.done, k.terminated)]
+            self._in_keys = [k.action, *self.value_network.in_keys, *following]
         return self._in_keys
 
     @in_keys.setter
@@ -176,8 +176,8 @@ class DecomposedDQNLoss(LossModule):
         """The loss of a batch of transitions.
 
         Args:
-            tensordict: ``[B]`` transitions: the network's input, ``action`` ``[B]``, and under ``"next"`` the network's input, ``reward_components``
-                ``[B, K]``, ``done`` and ``terminated`` ``[B, 1]``. Gets ``td_error`` ``[B]`` written, nothing else.
+            tensordict: ``[B]`` transitions: the network's input, ``action`` ``[B]``, and under ``"next"`` the network's input,
+                ``reward_components`` ``[B, K]``, ``done`` and ``terminated`` ``[B, 1]``. Gets ``td_error`` ``[B]`` written, nothing else.
 
         Returns:
             A TensorDict of ``loss_<component>``, ``td_error_<component>`` (mean |δ_k|) and ``value_<component>`` (mean Q_k(s, a)).
