@@ -55,6 +55,10 @@ class Replay:
         """What is stored, in storage order, by name (``next.reward``)."""
         return {name: value.contiguous() for name, value in self.buffer[:].flatten_keys(".").items()} if len(self) else {}
 
+    def first(self) -> Tensor:
+        """The heightmap ``[4, H, W]`` in the first place of the storage."""
+        return unpack(self.buffer[0:1][keys.HEIGHTMAP])[0]
+
     def restore(self, contents: dict[str, Tensor], cursor: int) -> None:
         """The inverse of :meth:`contents` and :attr:`cursor`, into an empty buffer."""
         if contents:

@@ -9,9 +9,10 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
+import numpy as np
 import torch
 from omegaconf import DictConfig, OmegaConf
-from tensordict import TensorDictBase
+from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import TensorDictSequential
 from torch import Tensor
 from torchrl.collectors import Collector
@@ -20,6 +21,8 @@ from tqdm import tqdm
 
 from xqmap import build, checkpoint, keys
 from xqmap.evaluation import training_scenes
+from xqmap.explanations import Decision, plots
+from xqmap.explanations.perception import Scene
 from xqmap.logs import Log, Tracker
 from xqmap.models.policy import GreedyPolicy
 from xqmap.replay import Replay
@@ -83,6 +86,8 @@ class Trainer:
                     row = self._step(batch.reshape(-1))
                     row["seconds"] = time.perf_counter() - start
                     self.log.row(row)
+                    if self.frames >= self.next_picture:
+                        self._draw()
                     bar.set_postfix(best=f"{self.tracker.success:.0%}", ε=f"{self.exploration.eps:.2f}", refresh=False)
                     bar.update(self.frames - bar.n)
                     finished = self.frames >= self.cfg.trainer.frames
@@ -187,6 +192,18 @@ class Trainer:
 
     def _generators(self) -> dict[str, torch.Generator]:
         return {"torch": torch.default_generator, "replay": self.replay.generator, "exploration": self.exploration.generator}
+
+    def _draw(self) -> None:
+        """The Q-Maps as they are now, over the first scene that was remembered."""
+        self.next_picture = self.frames + self.cfg.trainer.picture_period
+        image = self.replay.first().to(self.device)
+        cells = np.full(image.shape[-2:], -1)
+        scene = Scene([], cells, self.env.task.BACKGROUND, self.env.grid.bounds, image[3].cpu().numpy())
+        state = TensorDict({keys.HEIGHTMAP: image, keys.ACTION_MASK: (image != 0).any(0).flatten()})
+        decision = Decision.from_policy(self.greedy, state, scene, task=self.cfg.task.name, components=self.cfg.method.components)
+        path = self.directory / "figures" / f"qmaps{self.frames:06d}"
+        path.parent.mkdir(exist_ok=True)
+        self.log.picture("qmaps", plots.save(plots.qmaps(decision), path)[0], self.frames)
 
     def _time_policy(self) -> None:
         started = [0.0]

@@ -1,0 +1,300 @@
+"""A decision's numbers hold for any number of components, its files are read with care, and its words say what the numbers say."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tensordict import TensorDict
+
+from xqmap.errors import UserError
+from xqmap.explanations import Candidate, Decision, contrast, plots
+from xqmap.explanations.decision import label
+from xqmap.explanations.page import page
+from xqmap.explanations.perception import Scene, Simulator, Vision, agreement
+from xqmap.explanations.sentences import listed, number, signed
+
+VALUE = st.floats(-2, 2, allow_nan=False).map(lambda v: round(v, 3))
+
+
+@st.composite
+def decisions(draw: st.DrawFn, most: int = 8) -> Decision:
+    count = draw(st.integers(1, most))
+    names = tuple(f"part{k}" for k in range(count))
+    rows = [draw(st.lists(VALUE, min_size=count, max_size=count)) for _ in range(count + 1)]
+    rows[0] = max(rows, key=sum)
+    candidates = [
+        Candidate("Selected" if i == 0 else label(i - 1), f"thing {i}", dict(zip(names, row, strict=True)), (i, i), None, i)
+        for i, row in enumerate(rows)
+    ]
+    return Decision("toy", names, candidates, noise={})
+
+
+def made(**values: tuple[float, ...]) -> Decision:
+    """A decision over (flatness, color) of the landing task: label → values."""
+    names = ("flatness", "color")
+    things = {"Selected": "blue flat block", "A": "gray flat block", "B": "red inclined block"}
+    return Decision(
+        "landing",
+        names,
+        [Candidate(k, things[k], dict(zip(names, v, strict=True)), (i, i), None, i) for i, (k, v) in enumerate(values.items())],
+    )
+
+
+@given(decisions())
+def test_bars_sum_to_the_overall_value_and_rdx_to_the_gap(decision: Decision) -> None:
+    for candidate in decision.candidates:
+        assert candidate.overall == pytest.approx(sum(candidate.values[name] for name in decision.components))
+    for a, b in decision.pairs:
+        assert sum(decision.rdx(a, b).values()) == pytest.approx(decision[a].overall - decision[b].overall, abs=1e-9)
+    assert len(decision.pairs) == math.comb(len(decision.candidates), 2)
+
+
+@given(st.dictionaries(st.sampled_from("abcdefgh"), VALUE, min_size=1))
+def test_msx_is_the_smallest_set_that_suffices(delta: dict[str, float]) -> None:
+    total = sum(delta.values())
+    plus, minus = contrast.msx(delta)
+    positive, against = [n for n in delta if delta[n] > 0], -sum(v for v in delta.values() if v < 0)
+    if total <= 1e-9:
+        return
+    assert set(plus) <= set(positive)
+    assert sum(delta[n] for n in plus) > against
+    smaller = itertools.combinations(positive, len(plus) - 1)
+    assert all(sum(delta[n] for n in subset) <= against + 1e-12 for subset in smaller) or (against == 0 and len(plus) == 1)
+    if against == 0:
+        assert (len(plus), minus) == (1, [])
+    else:
+        needed = sum(delta[n] for n in plus) - min(delta[n] for n in plus)
+        assert sum(-delta[n] for n in minus) >= needed - 1e-12
+        assert all(delta[n] < 0 for n in minus)
+
+
+def test_msx_breaks_ties_by_component_order() -> None:
+    assert contrast.msx({"a": 0.5, "b": 0.5, "c": -0.4}) == (["a"], [])
+    assert contrast.msx({"a": 0.5, "b": 0.5, "c": -0.3, "d": -0.4}) == (["a", "b"], ["d", "c"])
+
+
+@given(st.dictionaries(st.sampled_from("abcd"), VALUE, min_size=1))
+def test_at_its_flip_point_a_weight_makes_the_two_even(delta: dict[str, float]) -> None:
+    for name, weight in contrast.flip_points(delta).items():
+        assert weight >= 0
+        total = sum((weight if n == name else 1) * value for n, value in delta.items())
+        assert total == pytest.approx(0, abs=1e-6 * max(1, weight))
+
+
+@given(st.dictionaries(st.sampled_from("abcd"), VALUE, min_size=1))
+def test_flip_distance_is_the_length_of_the_smallest_joint_change(delta: dict[str, float]) -> None:
+    norm = math.hypot(*delta.values())
+    if norm < 1e-6:
+        return
+    total = sum(delta.values())
+    change = {n: -total * v / norm**2 for n, v in delta.items()}
+    assert sum((1 + change[n]) * v for n, v in delta.items()) == pytest.approx(0, abs=1e-9)
+    assert math.hypot(*change.values()) == pytest.approx(abs(contrast.flip_distance(delta)))
+
+
+@given(decisions())
+@settings(max_examples=60)
+def test_every_number_in_a_sentence_is_one_of_the_decisions(decision: Decision) -> None:
+    said = decision.sentences()
+    known = {number(c.overall) for c in decision.candidates} | {number(v) for c in decision.candidates for v in c.values.values()}
+    for a, b in itertools.permutations([c.label for c in decision.candidates], 2):
+        delta = decision.rdx(a, b)
+        known |= {signed(v) for v in delta.values()} | {number(abs(sum(delta.values())))}
+        known |= {number(w) for w in contrast.flip_points(delta).values()}
+        if math.isfinite(contrast.flip_distance(delta)):
+            known.add(number(contrast.flip_distance(delta)))
+    for sentence in (said["shallow"], *said["contrastive"], said["robustness"]):
+        for found in re.findall(r"[+-]?\d+\.\d+", sentence):
+            assert found in known, (found, sentence)
+        assert "{" not in sentence
+
+
+@given(decisions())
+@settings(max_examples=30)
+def test_what_is_saved_is_read_back(decision: Decision) -> None:
+    from xqmap.explanations.reading import parse
+
+    again = parse(json.loads(json.dumps(decision.to_dict())), "memory")
+    assert again.to_dict() == decision.to_dict()
+
+
+def test_sentences_read_like_sentences() -> None:
+    said = made(Selected=(0.9, 1.0), A=(1.0, 0.0), B=(0.1, 1.05)).sentences()
+    assert said["shallow"] == (
+        "I chose to land on the blue flat block: its overall value, 1.90, is the highest. What contributes most is color (1.00)."
+    )
+    assert said["contrastive"][0] == (
+        "I chose to land on the blue flat block rather than the gray flat block (A), because color speaks for it (+1.00), though "
+        "flatness speaks against it (-0.10). If color counted 0.10 times as much, I would find the gray flat block just as good."
+    )
+    both = made(Selected=(0.9, 1.0), A=(0.5, 0.5), B=(0.9, 1.0)).sentences()["contrastive"]
+    assert "because color and flatness speak for it (+0.50 and +0.40)" in both[0]
+    assert "by chance" in both[1]
+
+
+def test_honest_sentences() -> None:
+    decision = made(Selected=(0.9, 1.0), A=(0.85, 1.0), B=(0.0, 0.0))
+    decision.noise = {"flatness": 0.1, "color": 0.1}
+    assert "toss-up" in decision.sentences()["contrastive"][0]
+    decision.candidates[1].object_index = 0
+    assert "same object" in decision.sentences()["contrastive"][0]
+    decision.candidates[1].pixel = (0, 0)
+    assert "very spot" in decision.sentences()["contrastive"][0]
+
+
+def test_lists_and_labels() -> None:
+    assert [listed(list("abc")[:n]) for n in (1, 2, 3)] == ["a", "a and b", "a, b and c"]
+    assert [label(k) for k in (0, 1, 25, 26, 51, 52)] == ["A", "B", "Z", "AA", "AZ", "BA"]
+    assert (number(-0.001), signed(0.001), signed(-0.5), signed(0.5)) == ("0.00", "0.00", "-0.50", "+0.50")
+
+
+GOOD: dict[str, Any] = {
+    "task": "landing",
+    "components": ["flatness", "color"],
+    "candidates": [
+        {"label": "Selected", "object": "blue flat block", "values": {"flatness": 1.0, "color": 0.9}},
+        {"label": "A", "object": "ground", "values": {"flatness": 1.0, "color": 0.1}},
+    ],
+}
+BAD: list[tuple[str, str]] = [
+    ("not json", "not JSON"),
+    ("[]", "must hold a JSON object"),
+    (json.dumps({k: v for k, v in GOOD.items() if k != "task"}), "task is missing"),
+    (json.dumps(GOOD | {"candidates": []}), "candidates must be a list that is not empty"),
+    (json.dumps(GOOD | {"components": ["a", "a"]}), "names one twice"),
+    (json.dumps(GOOD | {"candidates": [GOOD["candidates"][1]]}), "none with the label 'Selected'"),
+    (json.dumps(GOOD | {"candidates": GOOD["candidates"] + [GOOD["candidates"][1]]}), r"candidates\[2\].label repeats 'A'"),
+    (json.dumps(GOOD).replace('"color": 0.1', '"colour": 0.1'), r"candidates\[1\].values lacks the component 'color'"),
+    (json.dumps(GOOD).replace('"color": 0.1', '"color": NaN'), r"candidates\[1\].values.color must be a finite number"),
+    (json.dumps(GOOD).replace('"color": 0.1', '"color": "red"'), r"candidates\[1\].values.color must be a number"),
+    (json.dumps(GOOD).replace('"color": 0.1', '"color": 1e300'), r"candidates\[1\].values.color must be a finite number of at most"),
+    (json.dumps(GOOD).replace('"ground"', '""'), r"candidates\[1\].object must be a text"),
+    (json.dumps(GOOD).replace('"ground"', json.dumps("x" * 300)), r"candidates\[1\].object is longer"),
+    ("[" * 100_000, "not JSON"),
+]
+
+
+@pytest.mark.parametrize(("content", "why"), BAD, ids=range(len(BAD)))
+def test_bad_files_are_refused_with_the_place(content: str, why: str, tmp_path: Path) -> None:
+    path = tmp_path / "decision.json"
+    path.write_text(content)
+    with pytest.raises(UserError, match=why) as told:
+        Decision.load(path)
+    assert str(path) in str(told.value)
+    assert "\n" not in str(told.value)
+
+
+def test_a_minimal_file_is_enough_and_hostile_text_stays_text(tmp_path: Path) -> None:
+    hostile = "<script>alert(1)</script>\u001b[2J $\\frac{1}{0}$ {weights}"
+    content = json.dumps(GOOD).replace('"ground"', json.dumps(hostile))
+    path = tmp_path / "decision.json"
+    path.write_text(content)
+    decision = Decision.load(path)
+    html = page([decision])
+    assert "<script" not in html
+    assert "\u001b" not in decision["A"].object
+    plots.save(plots.bars(decision), tmp_path / "bars")
+    assert (tmp_path / "bars.png").stat().st_size > 5000
+
+
+@given(
+    st.recursive(st.none() | st.booleans() | st.floats() | st.text(), lambda x: st.lists(x) | st.dictionaries(st.text(), x), max_leaves=20)
+)
+@settings(max_examples=150)
+def test_any_json_is_either_read_or_refused_in_one_line(content: Any) -> None:
+    from xqmap.explanations.reading import parse
+
+    for wrapped in (content, GOOD | {"candidates": content}, GOOD | {"components": content}, GOOD | {"noise": content, "step": content}):
+        try:
+            parse(wrapped, "file")
+        except UserError as error:
+            assert "\n" not in str(error)
+
+
+class Policy:
+    """A policy that has fixed maps."""
+
+    def __init__(self, maps: torch.Tensor, weights: torch.Tensor) -> None:
+        self.maps, self.qmaps = maps, type("Weights", (), {"weights": weights})()
+
+    def __call__(self, td: TensorDict) -> TensorDict:
+        total = (self.maps * self.qmaps.weights[:, None]).sum(0).masked_fill(~td["action_mask"], -torch.inf)
+        return td.update({"component_action_value": self.maps, "action": total.argmax()})
+
+
+def small_scene() -> tuple[TensorDict, Scene]:
+    image = torch.rand(4, 6, 5) + 0.1
+    image[:3] *= 200
+    mask = torch.ones(30, dtype=torch.bool)
+    mask[7] = False
+    cells = np.full((6, 5), -1)
+    cells[0:2, 0:3], cells[3:5, 2:4] = 0, 1
+    scene = Scene(["red cube", "blue bowl"], cells, "table", [(0, 0.5), (0, 0.6), (0, 1)], image[3].numpy())
+    return TensorDict({"heightmap": image, "action_mask": mask}), scene
+
+
+@given(st.integers(1, 5), st.integers(0, 1000))
+@settings(max_examples=25, deadline=None)
+def test_candidates_are_the_argmaxima_of_allowed_cells(count: int, seed: int) -> None:
+    torch.manual_seed(seed)
+    state, scene = small_scene()
+    maps, weights = torch.rand(count, 30), torch.rand(count) + 0.5
+    maps[:, 7] = 100.0
+    names = [f"c{k}" for k in range(count)]
+    decision = Decision.from_policy(Policy(maps, weights), state, scene, task="toy", components=names, scene_seed=3)
+    assert [c.label for c in decision.candidates] == ["Selected", *(label(k) for k in range(count))]
+    weighted = (maps * weights[:, None]).masked_fill(~state["action_mask"], -torch.inf)
+    expected = [int(weighted.sum(0).argmax()), *weighted.argmax(-1).tolist()]
+    assert [c.pixel for c in decision.candidates] == [(a // 5, a % 5) for a in expected]
+    assert decision.selected.overall == pytest.approx(float(weighted.sum(0).max()), rel=1e-5)
+    for pooled in decision.objects:
+        inside = torch.from_numpy(scene.cells == pooled.object_index).flatten()
+        assert pooled.overall == pytest.approx(float(weighted.sum(0)[inside].max()), rel=1e-5)
+    plots.qmaps(decision)
+    plots.plt.close("all")
+
+
+def test_perceptions_agree_on_a_plain_scene() -> None:
+    class Thing:
+        def __init__(self, name: str, x: float, y: float) -> None:
+            self.name, self.top, self.attributes = name, 1.0, {}
+            self.footprint = np.array([[x, y], [x + 1, y], [x + 1, y + 1], [x, y + 1]])
+
+    class World:
+        BACKGROUND = "ground"
+
+        def scene_objects(self) -> list[Thing]:
+            return [Thing("red flat block", 0.5, 0.5), Thing("blue inclined block", 2.5, 2.0)]
+
+    from xqmap.envs.heightmap import PixelGrid
+
+    grid = PixelGrid([[0, 4], [0, 4], [0, 3]], 0.1)
+    image = np.full((4, 40, 40), 120.0, dtype=np.float32)
+    image[3] = 0.05
+    image[:3, 5:15, 5:15] = np.array([200, 60, 50])[:, None, None]
+    image[3, 5:15, 5:15] = 1.0
+    image[:3, 20:30, 25:35] = np.array([60, 90, 180])[:, None, None]
+    image[3, 20:30, 25:35] = 1.0 + 0.03 * np.arange(10)
+    truth = Simulator()(image, grid, World())
+    seen = Vision(
+        "ground",
+        {"red": [200, 60, 50], "blue": [60, 90, 180], "gray": [120, 120, 120]},
+        0.15,
+        9,
+        0.4,
+        {"flat": {"max_slope": 5.0}, "inclined": {"min_slope": 5.0}},
+        "{color} {shape} block",
+    )(image, grid, None)
+    assert agreement(truth, seen) == (2, 2)
+    assert seen.name((0, 0)) == truth.name((0, 0)) == "ground"
+    assert truth.position((20, 25)) == pytest.approx((2.55, 2.05, 1.0))
