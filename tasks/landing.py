@@ -48,8 +48,8 @@ FLOOR = -0.05
 FRICTION = 0.6
 CRUISE_SPEED = 10.0
 # Height over the point below which the descent is slow (m), and how slow (m/s).
-SLOW_BELOW = 1.0
-TOUCH_SPEED = 0.8
+SLOW_BELOW = 0.5
+TOUCH_SPEED = 0.4
 SETTLE_STEPS = 4
 # Moving farther than this after the touch is sliding (m).
 SLID = 0.1
