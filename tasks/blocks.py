@@ -149,8 +149,10 @@ def sample_field(
         incline = float(rng.uniform(*incline_range)) if rng.rand() < inclined_share else 0.0
         slope = np.tan(np.deg2rad(incline))
         length = min(length, (MAX_TOP - LOW[1]) / slope) if slope > 0 else length
+        x, y = rng.uniform(-half_size, half_size, 2)
         block = Block(
-            *(float(v) for v in rng.uniform(-half_size, half_size, 2)),
+            x=float(x),
+            y=float(y),
             yaw=float(rng.uniform(0, 360)),
             length=float(length),
             width=float(width),

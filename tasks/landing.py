@@ -227,23 +227,23 @@ class LandingEnv(DecisionEnv):
         target, speed, steps = np.array([point[0], point[1], self.altitude]), CRUISE_SPEED, 0
         self._touch = None
         while steps < self.control_steps and self._touch is None:
-            offset, drift = np.linalg.norm(link.pose.p[:2] - point[:2]), np.linalg.norm(link.linear_velocity[:2])
+            offset, drift = np.linalg.norm(link.entity_pose.p[:2] - point[:2]), np.linalg.norm(link.linear_velocity[:2])
             if target[2] == self.altitude and offset < 0.03 and drift < 0.2:
                 target[2] = point[2] + SLOW_BELOW / 2
-            if target[2] < self.altitude and link.pose.p[2] < point[2] + SLOW_BELOW:
+            if target[2] < self.altitude and link.entity_pose.p[2] < point[2] + SLOW_BELOW:
                 target[2], speed = point[2] - SLOW_BELOW, TOUCH_SPEED
             self.control_step(np.array([[*target, speed]]))
             steps += 1
-        touch = self._touch or Touch(link.pose.p, link.pose.p, False, None)
+        touch = self._touch or Touch(link.entity_pose.p, link.entity_pose.p, False, None)
         if self._touch is not None:
             for _ in range(SETTLE_STEPS):
                 self.control_step(np.zeros((1, 4)))
             steps += SETTLE_STEPS
-        up = np.clip(link.pose.to_transformation_matrix()[2, 2], -1, 1)
+        up = np.clip(link.entity_pose.to_transformation_matrix()[2, 2], -1, 1)
         metrics = {
             "landing_offset_m": float(np.linalg.norm(touch.spot[:2] - point[:2])),
             "tilt_deg": float(np.rad2deg(np.arccos(up))),
-            "slid": float(np.linalg.norm(link.pose.p[:2] - touch.aircraft[:2]) > SLID),
+            "slid": float(np.linalg.norm(link.entity_pose.p[:2] - touch.aircraft[:2]) > SLID),
             "control_steps": float(steps),
         }
         return self._outcome_of(touch), metrics
@@ -256,7 +256,7 @@ class LandingEnv(DecisionEnv):
             touching = [point.position for point in contact.points if point.separation < CONTACT]
             own, other = sorted(contact.bodies, key=lambda body: body not in (hull, foot))
             if touching:
-                self._touch = Touch(np.mean(touching, axis=0), hull.pose.p, own == foot, self._entities.get(other.entity))
+                self._touch = Touch(np.mean(touching, axis=0), hull.entity_pose.p, own == foot, self._entities.get(other.entity))
                 self.agent.controller.reset()
                 return
 

@@ -22,7 +22,7 @@ class ThrustController(BaseController):
     config: ThrustControllerConfig
 
     def _initialize_joints(self) -> None:
-        self.joints = []
+        self.joints: list[Any] = []
         self.active_joint_indices = torch.zeros(0, dtype=torch.int64)
 
     def _initialize_action_space(self) -> None:
@@ -47,7 +47,7 @@ class ThrustController(BaseController):
         """Applies thrust against gravity and velocity error, and a torque that levels the body."""
         if not self._motors_on:
             return
-        config, pose = self.config, self._link.pose
+        config, pose = self.config, self._link.entity_pose
         wanted = (self._target[:3] - pose.p) * config.position_gain
         speed = np.linalg.norm(wanted)
         if speed > self._target[3]:
