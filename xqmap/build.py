@@ -12,6 +12,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from xqmap.envs.maniskill import ManiSkillEnv
 from xqmap.errors import UserError
+from xqmap.explanations.llm import LanguageModel, OpenAICompatible
 from xqmap.explanations.perception import Perception
 from xqmap.models.policy import EpsilonGreedy
 from xqmap.models.qmaps import QMaps
@@ -85,6 +86,13 @@ def loss(cfg: DictConfig, network: QMaps) -> DecomposedDQNLoss:
     module.set_keys(reward=cfg.method.reward_key)
     module.make_value_estimator(gamma=cfg.loss.gamma)
     return module
+
+
+def language_model(settings: DictConfig) -> LanguageModel | None:
+    """What answers beside the templates: None for ``llm=template``."""
+    if settings.name == "template":
+        return None
+    return OpenAICompatible(**{str(name): value for name, value in settings.items() if name != "name"})
 
 
 def _trusted(settings: Any, where: str, **extra: Any) -> Any:

@@ -232,7 +232,10 @@ class Decision:
             "step": self.step,
             "components": list(self.components),
             "candidates": candidates,
-            "objects": [{"object": o.object, "pixel": list(o.pixel), "values": o.values, "overall": o.overall} for o in self.objects],
+            "objects": [
+                {"object": o.object, "object_index": o.object_index, "pixel": list(o.pixel), "values": o.values, "overall": o.overall}
+                for o in self.objects
+            ],
             "rdx": [{"pair": [a, b], "values": self.rdx(a, b)} for a, b in self.pairs],
             "msx": msx,
             "noise": self.noise,

@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from xqmap.errors import UserError
-from xqmap.explanations.decision import SELECTED, Candidate, Decision
+from xqmap.explanations.decision import SELECTED, Candidate, Decision, ObjectValue
 
 _LONGEST_NAME = 200
 _MOST = 1000
@@ -96,12 +96,25 @@ def parse(content: Any, source: str) -> Decision:
     if SELECTED not in {candidate.label for candidate in candidates}:
         raise wrong("candidates", f"has none with the label {SELECTED!r}")
     candidates.sort(key=lambda candidate: candidate.label != SELECTED)
+    objects: list[ObjectValue] = []
+    for i, entry in enumerate(content.get("objects") or [] if isinstance(content.get("objects", []), list) else []):
+        place = f"objects[{i}]"
+        if i >= _MOST:
+            raise wrong("objects", f"has more than {_MOST} entries")
+        if not isinstance(entry, dict) or not isinstance(entry.get("values"), dict) or set(entry["values"]) != set(components):
+            raise wrong(place, "must be an object with object, pixel and a number per component in values")
+        pixel = numbers(entry.get("pixel"), 2, f"{place}.pixel") or (0.0, 0.0)
+        values = {name: number(entry["values"][name], f"{place}.values.{name}") for name in components}
+        index = entry.get("object_index")
+        index = index if isinstance(index, int) and not isinstance(index, bool) else -1
+        objects.append(ObjectValue(text(entry.get("object"), f"{place}.object"), index, (int(pixel[0]), int(pixel[1])), values))
     seed, step, noise = content.get("scene_seed"), content.get("step"), content.get("noise")
     return Decision(
         text(content["task"], "task"),
         components,
         candidates,
         scene_seed=seed if isinstance(seed, int) and not isinstance(seed, bool) else None,
+        objects=objects,
         step=step if isinstance(step, int) and not isinstance(step, bool) else 0,
         noise={name: abs(number(noise[name], f"noise.{name}")) for name in components if name in noise} if isinstance(noise, dict) else {},
     )

@@ -79,6 +79,9 @@ def contrastive(decision: Decision, first: str, second: str, words: Mapping[str,
     """
     a, b = decision[first], decision[second]
     names = {"verb": words["verb"], "object": a.object, "other": b.object, "label": second}
+    if b.label == b.object:
+        # An object that is no candidate goes by its name alone.
+        words = {key: value.replace(" ({label})", "") if isinstance(value, str) else value for key, value in words.items()}
     if a.pixel is not None and a.pixel == b.pixel:
         own = [_phrase(c, words) for k, c in enumerate(decision.components) if _labels(decision, k) == second] or ["one component"]
         return words["same_pixel"].format(**names, labels=second, are="is", component=listed(own))
