@@ -51,6 +51,8 @@ class DecisionEnv(BaseEnv):
         super().__init__(
             num_envs=1, obs_mode="rgb+depth", reward_mode="sparse", sim_backend="physx_cpu", render_backend=render_backend, **kwargs
         )
+        # Building the world and drawing the first frame, which compiles shaders, are no part of a decision.
+        self.seconds = {"simulate": 0.0, "render": 0.0}
         self.single_action_space = gym.spaces.Box(-np.inf, np.inf, (3,), np.float32)
         self.action_space = gym.spaces.Box(-np.inf, np.inf, (1, 3), np.float32)
 

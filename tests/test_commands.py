@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import json
+import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+from xqmap import cli
+
 
 def call(module: str, *arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([sys.executable, "-m", f"xqmap.{module}", *arguments], cwd=cwd, capture_output=True, text=True, timeout=600)
+    command = [sys.executable, "-m", f"xqmap.{module}", *arguments]
+    clean = {name: value for name, value in os.environ.items() if not name.startswith("OPENAI")}
+    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=600, env=clean)
 
 
 MISTAKES = [
@@ -27,6 +33,15 @@ MISTAKES = [
     ("train", ["resume=nowhere", "seed=3"], "resume"),
     ("evaluate", [], "run"),
     ("evaluate", ["run=nowhere"], "nowhere"),
+    ("train", ["+task=landing", "task.env.altitude=-3"], "altitude"),
+    ("explain", [], "run=DIR"),
+    ("explain", ["decision=nowhere.json"], "nowhere.json"),
+    ("explain", ["run=a", "decision=b"], "not both"),
+    ("explain", ["run=nowhere", "scene_seed=-1"], "scene_seed"),
+    ("explain", ["run=nowhere", "steps=some"], "steps"),
+    ("explain", ["run=nowhere", "scene_seed=x"], "scene_seed"),
+    ("chat", ["decision=nowhere.json", "question=why"], "nowhere.json"),
+    ("chat", ["decision=nowhere.json", "llm=parrot"], "llm/parrot"),
     ("doctor", ["only=teeth"], "teeth"),
 ]
 
@@ -40,6 +55,44 @@ def test_mistakes(module: str, arguments: list[str], named: str, tmp_path: Path)
     assert lines[0].startswith("error: ")
     assert named in lines[0]
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
+
+
+def decision_file(folder: Path) -> Path:
+    values = {"Selected": [0.9, 1.0], "A": [1.0, 0.0], "B": [0.1, 1.1]}
+    content = {
+        "task": "landing",
+        "components": ["flatness", "color"],
+        "candidates": [
+            {"label": name, "object": f"thing {name}", "values": {"flatness": v[0], "color": v[1]}} for name, v in values.items()
+        ],
+    }
+    path = folder / "decision.json"
+    path.write_text(json.dumps(content))
+    return path
+
+
+def test_a_decision_file_is_explained(tmp_path: Path) -> None:
+    done = call("explain", f"decision={decision_file(tmp_path)}", "out=seen", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    written = {path.name for path in (tmp_path / "seen").iterdir()}
+    assert {"decision.json", "values.png", "rdx.png", "values.svg", "explanation.txt", "explanation.html"} <= written
+    assert "wrote" in done.stdout
+    assert "qmaps and overview are not drawn" in done.stdout
+
+
+def test_a_decision_file_is_talked_about(tmp_path: Path) -> None:
+    path = decision_file(tmp_path)
+    done = call("chat", f"decision={path}", 'question="Why not A?"', "show_prompt=true", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "color speaks for it (+1.00)" in done.stdout
+    assert "Q_flatness=0.90" in done.stdout
+    assert (tmp_path / "explanation" / "dialogue.json").exists()
+    questions = Path(cli.CONF) / "explain" / "questions" / "landing.yaml"
+    done = call("chat", f"decision={path}", f"questions={questions}", cwd=tmp_path)
+    assert "100.0% of the answers grounded, 100.0% as expected" in done.stdout
+    bad = call("chat", f"decision={path}", "llm=openai", "question=why", cwd=tmp_path)
+    assert bad.returncode != 0
+    assert "OPENAI_API_KEY" in bad.stderr
 
 
 def test_doctor_finds_this_machine_fit(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ from functools import partial
 from typing import Any
 
 import torch
+from hydra.errors import InstantiationException
 from hydra.utils import instantiate
 from omegaconf import DictConfig, OmegaConf
 
@@ -99,7 +100,12 @@ def _trusted(settings: Any, where: str, **extra: Any) -> Any:
     for target in _targets(settings):
         if not target.startswith(TRUSTED):
             raise UserError(f"{where} names {target!r}: only {' and '.join(name + '*' for name in TRUSTED)} are run")
-    return instantiate(settings, **extra, _convert_="all")
+    try:
+        return instantiate(settings, **extra, _convert_="all")
+    except InstantiationException as error:
+        if isinstance(error.__cause__, ValueError | TypeError):
+            raise UserError(f"{where}: {error.__cause__}") from None
+        raise
 
 
 def _targets(settings: Any) -> list[str]:

@@ -16,12 +16,16 @@ from xqmap.errors import UserError
 
 def train(cfg: DictConfig) -> None:
     """Trains as ``cfg`` says (or goes on with ``cfg.resume``), evaluates the policy and writes ``evaluation.json``."""
-    if cfg.resume:
+    resume = cfg.resume is not None
+    if resume:
         directory = Path(cfg.resume)
         _, facts = checkpoint.read(directory / checkpoint.TRAINING)
         cfg = schema.typed(checkpoint.settings(facts, directory))
+        print(f"going on with {directory}")
     else:
         directory = Path(HydraConfig.get().runtime.output_dir)
+        if (directory / checkpoint.POLICY).exists():
+            raise UserError(f"{directory} already holds a run: choose another hydra.run.dir or go on with resume={directory}")
     schema.validate(cfg)
     doctor.require_rendering()
     if cfg.threads:
@@ -29,13 +33,8 @@ def train(cfg: DictConfig) -> None:
 
     from xqmap.trainer import Trainer  # after the checks: importing the simulator takes seconds
 
-    resumed = Path(directory, checkpoint.TRAINING).exists()
-    if resumed:
-        print(f"going on with {directory}")
-    elif (directory / checkpoint.POLICY).exists():
-        raise UserError(f"{directory} already holds a run: choose another hydra.run.dir or go on with resume={directory}")
     start = time.perf_counter()
-    trainer = Trainer(cfg, directory, resume=resumed)
+    trainer = Trainer(cfg, directory, resume=resume)
     try:
         trainer.run()
         seconds = time.perf_counter() - start

@@ -71,6 +71,9 @@ class Trainer:
         Returns:
             The greedy policy as learned.
         """
+        if self.frames >= self.cfg.trainer.frames:
+            self.log.close()
+            return self.greedy
         collector = Collector(
             self.env,
             TensorDictSequential(self.greedy, self.exploration),

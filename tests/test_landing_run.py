@@ -1,0 +1,73 @@
+"""The commands of the README on the real landing world, small: train, evaluate, explain, chat, go on."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.test_commands import call
+
+pytestmark = pytest.mark.sim
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("landing")
+    done = call("train", "+task=landing", "trainer=smoke", "evaluation.seeds=[0,1]", "hydra.run.dir=run", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    assert "wrote run/evaluation.json" in done.stdout
+    return folder / "run"
+
+
+def test_a_run_leaves_what_it_should(run: Path) -> None:
+    assert {".hydra", "checkpoint", "evaluation.json", "metrics.csv", "wandb", "figures"} <= {path.name for path in run.iterdir()}
+    assert list((run / "wandb").glob("offline-run-*/*.wandb"))
+    assert list((run / "figures").glob("qmaps*.png"))
+    result = json.loads((run / "evaluation.json").read_text())
+    assert (result["task"], result["method"], result["success"]["choices"]) == ("landing", "xqmap", 2)
+    assert result["baselines"]["oracle"]["mean"] == 1.0
+    assert set(result["runs"][0]["components"]) == {"flatness", "color"}
+    with open(run / "metrics.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert float(rows[-1]["frames"]) == 40
+    shares = [float(rows[-1][f"share/{name}"]) for name in ("simulate", "render", "fuse", "infer", "update")]
+    assert sum(shares) == pytest.approx(1.0)
+
+
+def test_evaluate_repeats_the_table(run: Path) -> None:
+    done = call("evaluate", "run=run", "evaluation.seeds=[0,1]", "evaluation.baselines=false", "out=again.json", cwd=run.parent)
+    assert done.returncode == 0, done.stderr
+    first, again = (json.loads(path.read_text()) for path in (run / "evaluation.json", run.parent / "again.json"))
+    assert first["runs"] == again["runs"]
+    assert first["weights_sha256"] == again["weights_sha256"]
+    assert again["baselines"] == {}
+
+
+def test_explain_writes_every_view(run: Path) -> None:
+    done = call("explain", "run=run", "scene_seed=3", "out=why", cwd=run.parent)
+    assert done.returncode == 0, done.stderr
+    names = {"decision.json", "qmaps.png", "values.png", "rdx.png", "overview.png", "explanation.txt", "explanation.html"}
+    assert names <= {path.name for path in (run.parent / "why").iterdir()}
+    decision = json.loads((run.parent / "why" / "decision.json").read_text())
+    assert [c["label"] for c in decision["candidates"]] == ["Selected", "A", "B"]
+    for candidate in decision["candidates"]:
+        assert candidate["overall"] == pytest.approx(sum(candidate["values"].values()))
+    html = (run.parent / "why" / "explanation.html").read_text()
+    assert "http://" not in html.replace("http://www.w3.org", "")
+    assert "https://" not in html
+
+
+def test_chat_answers_about_a_run(run: Path) -> None:
+    done = call("chat", "run=run", "scene_seed=3", 'question="Why?"', "out=talk", cwd=run.parent)
+    assert done.returncode == 0, done.stderr
+    assert "I chose to land on" in done.stdout
+
+
+def test_a_finished_run_is_not_overwritten(run: Path) -> None:
+    again = call("train", "+task=landing", "hydra.run.dir=run", cwd=run.parent)
+    assert again.returncode != 0
+    assert "already holds a run" in again.stderr
+    assert (run / "evaluation.json").exists()
