@@ -1,0 +1,44 @@
+"""``python -m xqmap.bench what=update``: measures fast paths beside their plain references, prints a table and JSON."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from hydra import compose
+from omegaconf import DictConfig
+
+from xqmap import checkpoint, cli, doctor, schema
+from xqmap.errors import UserError
+
+
+def bench(cfg: DictConfig) -> None:
+    """Runs the benchmarks that ``cfg.what`` names and writes ``cfg.out``, if given."""
+    from xqmap.benchmarks import BENCHMARKS, machine
+
+    chosen = list(BENCHMARKS) if cfg.what == "all" else [cfg.what]
+    if unknown := set(chosen) - set(BENCHMARKS):
+        raise UserError(f"what={unknown.pop()} is not one of {', '.join(BENCHMARKS)}, all")
+    if cfg.rounds is not None and not (isinstance(cfg.rounds, int) and cfg.rounds > 0):
+        raise UserError(f"rounds={cfg.rounds} must be a whole number above 0")
+    settings = compose("config", [f"+task={cfg.task}", *cfg.settings])
+    schema.validate(settings)
+    doctor.require_rendering()
+    results = {name: BENCHMARKS[name].run(settings, cfg.perception, cfg.rounds or BENCHMARKS[name].rounds) for name in chosen} | {
+        "machine": machine()
+    }
+    for name, measured in results.items():
+        shown = [f"{key} {value:.4g}" if isinstance(value, float) else f"{key} {value}" for key, value in measured.items()]
+        print(f"{name:<12}{'  '.join(shown)}")
+    text = json.dumps(results, indent=1)
+    if cfg.out is not None:
+        checkpoint.write_atomically(Path(cfg.out), (text + "\n").encode())
+        print(f"wrote {cfg.out}")
+    else:
+        print(text)
+
+
+main = cli.main("bench")(bench)
+
+if __name__ == "__main__":
+    main()
