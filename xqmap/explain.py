@@ -10,7 +10,9 @@ from omegaconf import DictConfig
 from xqmap import checkpoint, cli, commands
 from xqmap.errors import UserError
 from xqmap.explanations import Decision, plots
+from xqmap.explanations.dialogue import Dialogue
 from xqmap.explanations.page import over_time, page
+from xqmap.explanations.sentences import wording_for
 
 
 def explain(cfg: DictConfig) -> None:
@@ -18,7 +20,7 @@ def explain(cfg: DictConfig) -> None:
     decisions = decisions_of(cfg)
     out = Path(cfg.out) if cfg.out else commands.default_folder(cfg, "explanation")
     # Everything is made before anything is written.
-    html = page(decisions)
+    html = page(decisions, excerpt(decisions[0]))
     out.mkdir(parents=True, exist_ok=True)
     written = []
     for i, decision in enumerate(decisions):
@@ -58,9 +60,17 @@ def write(decision: Decision, folder: Path) -> list[Path]:
         print("qmaps and overview are not drawn: a decision that was read from a file has no maps")
     else:
         written += plots.save(plots.qmaps(decision), folder / "qmaps")
-        written += plots.save(plots.overview(decision), folder / "overview")
+        written += plots.save(plots.overview(decision, excerpt(decision)), folder / "overview")
     written += plots.save(plots.values(decision), folder / "values")
     return written + plots.save(plots.rdx(decision), folder / "rdx")
+
+
+def excerpt(decision: Decision) -> list[tuple[str, str]]:
+    """A few questions, of the task's wording, and their answers from the numbers."""
+    talk = Dialogue(decision, wording_for(decision.task))
+    for question in talk.words["excerpt"]:
+        talk.ask(question)
+    return [(exchange.question, exchange.answer) for exchange in talk.exchanges]
 
 
 def text(decision: Decision) -> str:

@@ -50,6 +50,7 @@ def values(decision: Decision) -> Figure:
     with plt.rc_context(STYLE):
         figure, axes = plt.subplots(figsize=(1.8 + 1.5 * len(decision.candidates), 3.4), layout="constrained")
         _draw_values(decision, axes)
+        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=9)
         return figure
 
 
@@ -78,7 +79,7 @@ def overview(decision: Decision, dialogue: list[tuple[str, str]] | None = None) 
     with plt.rc_context(STYLE):
         panels = len(decision.components) + 2
         figure = plt.figure(figsize=(max(11, 2.9 * panels), 10.5 if dialogue else 8.6), layout="constrained")
-        parts: Any = figure.subfigures(4 if dialogue else 3, 1, height_ratios=(3.4, 3.2, 2.1, 2.2)[: 4 if dialogue else 3])
+        parts: Any = figure.subfigures(4 if dialogue else 3, 1, height_ratios=(3.4, 3.2, 2.0, 1.9)[: 4 if dialogue else 3])
         if decision.maps is not None:
             _draw_maps(decision, list(np.atleast_1d(parts[0].subplots(1, panels))))
         else:
@@ -165,13 +166,14 @@ def _draw_values(decision: Decision, axis: Axes) -> None:
     _grouped(decision, axis, groups, number)
     for i, candidate in enumerate(decision.candidates):
         axis.plot([i - 0.42, i + 0.42], [candidate.overall] * 2, color="0.25", lw=1.4)
-        axis.annotate(
-            f"Σ {number(candidate.overall)}", (i, candidate.overall), xytext=(0, 3), textcoords="offset points", ha="center", fontsize=8
-        )
+        # Above the tallest bar of the group and its number.
+        top = max(candidate.overall, *candidate.values.values(), 0.0)
+        text = f"Σ {number(candidate.overall)}"
+        axis.annotate(text, (i, top), xytext=(0, 11), textcoords="offset points", ha="center", fontsize=8, fontweight="bold")
     axis.set_xticks(range(len(groups)), ["\n".join([c.label, *textwrap.wrap(c.object, 12)]) for c in decision.candidates], fontsize=8)
     axis.set_ylabel("value")
     axis.set_title("Values of each candidate")
-    axis.margins(y=0.12)
+    axis.margins(y=0.2)
 
 
 def _draw_rdx(decision: Decision, axis: Axes) -> None:
