@@ -59,12 +59,11 @@ def test_mistakes(module: str, arguments: list[str], named: str, tmp_path: Path)
 
 def decision_file(folder: Path) -> Path:
     values = {"Selected": [0.9, 1.0], "A": [1.0, 0.0], "B": [0.1, 1.1]}
+    things = {"Selected": "blue flat block", "A": "ground", "B": "red inclined block"}
     content = {
         "task": "landing",
         "components": ["flatness", "color"],
-        "candidates": [
-            {"label": name, "object": f"thing {name}", "values": {"flatness": v[0], "color": v[1]}} for name, v in values.items()
-        ],
+        "candidates": [{"label": name, "object": things[name], "values": {"flatness": v[0], "color": v[1]}} for name, v in values.items()],
     }
     path = folder / "decision.json"
     path.write_text(json.dumps(content))

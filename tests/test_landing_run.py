@@ -18,7 +18,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("landing")
     done = call("train", "+task=landing", "trainer=smoke", "evaluation.seeds=[0,1]", "hydra.run.dir=run", cwd=folder)
     assert done.returncode == 0, done.stderr
-    assert "wrote run/evaluation.json" in done.stdout
+    assert "run/evaluation.json" in done.stdout
     return folder / "run"
 
 

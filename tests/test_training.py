@@ -143,5 +143,5 @@ def test_nan_in_the_loss_stops_with_one_line(toy_config: Callable[..., DictConfi
     trainer = Trainer(toy_config(), run_directory)
     with torch.no_grad():
         trainer.loss.value_network_params.apply(lambda p: p.data.fill_(float("nan")))
-    with pytest.raises(RuntimeError, match=r"trainer\.learning_rate"):
+    with pytest.raises(UserError, match=r"trainer\.learning_rate"):
         trainer.run()

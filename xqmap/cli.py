@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import shutil
 import sys
@@ -33,6 +34,7 @@ def main(config_name: str) -> Callable[[Callable[[DictConfig], None]], Callable[
     def wrap(command: Callable[[DictConfig], None]) -> Callable[[], None]:
         def program() -> None:
             schema.register()
+            logging.getLogger("torchrl").setLevel(logging.WARNING)
             failed: list[BaseException] = []
 
             def guarded(cfg: DictConfig) -> None:

@@ -20,6 +20,7 @@ from torchrl.objectives import HardUpdate
 from tqdm import tqdm
 
 from xqmap import build, checkpoint, keys
+from xqmap.errors import UserError
 from xqmap.evaluation import training_scenes
 from xqmap.explanations import Decision, plots
 from xqmap.explanations.perception import Scene
@@ -74,6 +75,8 @@ class Trainer:
         if self.frames >= self.cfg.trainer.frames:
             self.log.close()
             return self.greedy
+        before = {name: generator.get_state() for name, generator in self._generators().items()}
+        explored = self.exploration.frames.clone()
         collector = Collector(
             self.env,
             TensorDictSequential(self.greedy, self.exploration),
@@ -81,6 +84,10 @@ class Trainer:
             total_frames=-1,
             trust_policy=True,
         )
+        # A new collector tries the policy once; that must not use up random numbers, or a resumed run would differ.
+        self.exploration.frames.copy_(explored)
+        for name, generator in self._generators().items():
+            generator.set_state(before[name])
         handlers = {number: signal.signal(number, self._stop) for number in (signal.SIGINT, signal.SIGTERM)}
         start, already = time.perf_counter(), self.frames
         try:
@@ -163,7 +170,7 @@ class Trainer:
             losses = self.loss(batch)
         total = sum(value for name, value in losses.items() if name.startswith("loss_"))
         if not bool(torch.isfinite(total)):
-            raise RuntimeError(f"the loss became {float(total)} at update {self.updates}: lower trainer.learning_rate")
+            raise UserError(f"the loss became {float(total)} at update {self.updates}: lower trainer.learning_rate")
         self.optimizer.zero_grad(set_to_none=True)
         total.backward()
         torch.nn.utils.clip_grad_norm_(self.parameters, self.cfg.trainer.max_grad_norm)

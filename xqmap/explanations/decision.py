@@ -127,6 +127,8 @@ class Decision:
         maps = (out[keys.COMPONENT_ACTION_VALUE] * policy.qmaps.weights[:, None]).cpu().double().numpy()
         mask = state.get(keys.ACTION_MASK, None)
         allowed = np.ones(maps.shape[-1], dtype=bool) if mask is None or not bool(mask.any()) else mask.cpu().numpy()
+        if not np.isfinite(maps).all():
+            raise UserError("the Q-Maps hold NaN or infinite values: the training diverged, lower trainer.learning_rate")
         limited = np.where(allowed, maps, np.nan)
 
         def candidate(label: str, action: int) -> Candidate:
