@@ -7,10 +7,45 @@ import json
 from pathlib import Path
 
 import pytest
+import torch
+from hydra import compose, initialize_config_dir
+from omegaconf import DictConfig
+from torchrl.envs.utils import check_env_specs, step_mdp
 
 from tests.test_commands import call
+from xqmap import build, cli, keys, schema
 
 pytestmark = pytest.mark.sim
+
+
+def settings(*overrides: str) -> DictConfig:
+    schema.register()
+    with initialize_config_dir(cli.CONF, version_base=None):
+        return compose("config", ["+task=landing", *overrides])
+
+
+def test_the_environment_keeps_its_specs() -> None:
+    env = build.make_env(settings(), 3)()
+    try:
+        check_env_specs(env)
+    finally:
+        env.close()
+
+
+def test_several_landings_make_one_episode_and_weights_scale_the_reward() -> None:
+    env = build.make_env(settings("task.env.landings_per_episode=3", "task.weights.flatness=2"), 5)()
+    try:
+        state, done, made = env.reset(), False, 0
+        while not done:
+            state[keys.ACTION] = torch.tensor(env.action_at(env.task.oracle_point()))
+            result = env.step(state)["next"]
+            expected = 2 * result[keys.REWARD_COMPONENTS][0] + result[keys.REWARD_COMPONENTS][1]
+            assert float(result[keys.REWARD]) == pytest.approx(float(expected))
+            assert float(result[keys.REWARD]) == pytest.approx(float(result[keys.REWARD_AVAILABLE]))
+            state, done, made = step_mdp(state), bool(result[keys.DONE]), made + 1
+        assert made == 3
+    finally:
+        env.close()
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,227 @@
+"""What lies on the table: cubes and bowls, their shapes, their layout. Lengths in metres, angles in degrees."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from functools import cache
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import sapien
+
+# In the order of the rainbow: the rank of a color is its place, red 0 to purple 1.
+COLORS: dict[str, tuple[int, int, int]] = {
+    "red": (255, 87, 89),
+    "orange": (242, 142, 43),
+    "yellow": (237, 201, 72),
+    "green": (89, 169, 79),
+    "blue": (78, 121, 167),
+    "purple": (176, 122, 161),
+}
+RANK = {color: place / (len(COLORS) - 1) for place, color in enumerate(COLORS)}
+CUBE = 0.04
+# A bowl's wall, seen in a cut: (radius, height) inside from the middle to the rim, and outside.
+INSIDE = np.array([(0.0, 0.004), (0.010, 0.0077), (0.028, 0.0175), (0.0545, 0.035)])
+OUTSIDE = np.array([(0.0, 0.0), (0.022, 0.0), (0.034, 0.0095), (0.0575, 0.035)])
+SECTORS = 24
+MASS = {"cube": 0.01, "bowl": 0.1}
+TOP = {"cube": CUBE, "bowl": float(OUTSIDE[-1, 1])}
+RADIUS = {"cube": CUBE / np.sqrt(2), "bowl": float(OUTSIDE[-1, 0])}
+FRICTION = 1.0
+# Least distance between the circles around two objects.
+GAP = {"spread": 0.04, "cluttered": 0.003}
+# The share of a cluttered heap's disc that the objects' circles cover, at first.
+DENSITY = 0.5
+TRIES = 100
+
+
+@dataclass(frozen=True)
+class Thing:
+    """A cube or a bowl where it was put down.
+
+    Attributes:
+        kind: ``"cube"`` or ``"bowl"``.
+        color: a name of ``COLORS``.
+        x: middle, world.
+        y: middle, world.
+        yaw: degrees.
+        tint: what is added to its red, green and blue, 8-bit.
+    """
+
+    kind: str
+    color: str
+    x: float
+    y: float
+    yaw: float = 0.0
+    tint: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        if self.kind not in MASS or self.color not in COLORS:
+            raise ValueError(f"an object is one of {', '.join(MASS)} in one of {', '.join(COLORS)}, not a {self.color} {self.kind}")
+
+    @property
+    def name(self) -> str:
+        """What a person calls it: "blue cube", "red bowl"."""
+        return f"{self.color} {self.kind}"
+
+    @property
+    def rank(self) -> float:
+        """Of its color, 0 to 1."""
+        return RANK[self.color]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, from which ``Thing(**values)`` makes the same object."""
+        return asdict(self)
+
+
+def sample_layout(rng: np.random.RandomState, count: int, layout: str, bounds: np.ndarray, tint: float) -> list[Thing]:
+    """``count`` objects of random kind, color, place and yaw, at least one of them a cube, none on top of another.
+
+    Args:
+        rng: source of the draw.
+        count: how many.
+        layout: ``"spread"`` over the table, or ``"cluttered"``: close together around a random place.
+        bounds: ``[≥2, 2]``, lowest and highest x and y of the table's part they may lie on.
+        tint: most that is added to or taken from each of red, green and blue, 8-bit.
+    """
+    kinds = [str(kind) for kind in rng.choice(list(MASS), count)]
+    if "cube" not in kinds:
+        kinds[rng.randint(count)] = "cube"
+    colors = [str(color) for color in rng.choice(list(COLORS), count)]
+    tints = rng.uniform(-tint, tint, (count, 3))
+    radii = np.array([RADIUS[kind] for kind in kinds])
+    low, high = np.asarray(bounds)[:2].T
+    gap = GAP[layout]
+    heap = np.sqrt((radii**2).sum() / DENSITY) if layout == "cluttered" else np.inf
+    while True:
+        middle = rng.uniform(low, high)
+        places: list[np.ndarray] = []
+        for radius in radii:
+            near = np.maximum(low + radius, middle - heap), np.minimum(high - radius, middle + heap)
+            for _ in range(TRIES):
+                place = rng.uniform(*near)
+                apart = all(np.hypot(*(place - other)) > radius + far + gap for other, far in zip(places, radii, strict=False))
+                if apart and np.hypot(*(place - middle)) <= heap:
+                    places.append(place)
+                    break
+            else:
+                break
+        if len(places) == count:
+            break
+        # Too many for this much room: a little closer together, or a larger heap.
+        gap, heap = (gap * 0.9, heap) if layout == "spread" else (gap, heap * 1.03)
+    yaws = rng.uniform(0, 360, count)
+    return [
+        Thing(kind, color, float(place[0]), float(place[1]), float(yaw), tuple(float(value) for value in shift))
+        for kind, color, place, yaw, shift in zip(kinds, colors, places, yaws, tints, strict=True)
+    ]
+
+
+@cache
+def pieces(kind: str) -> tuple[np.ndarray, ...]:
+    """The convex parts ``[8, 3]`` that make up an object's body, in its own frame (on the table, z from 0): a bowl is hollow."""
+    if kind == "cube":
+        half = CUBE / 2
+        corners = np.array([[x, y, z] for z in (0, CUBE) for x, y in ((-half, -half), (half, -half), (half, half), (-half, half))])
+        return (corners,)
+    angles = np.linspace(0, 2 * np.pi, SECTORS + 1)
+    parts = []
+    for first, second in pairwise(angles):
+        for ring in range(len(INSIDE) - 1):
+            # Lower quadrilateral and upper one, each around the piece in the same sense.
+            quads = [
+                [(wall[ring], first), (wall[ring + 1], first), (wall[ring + 1], second), (wall[ring], second)] for wall in (OUTSIDE, INSIDE)
+            ]
+            parts.append(np.array([[r * np.cos(a), r * np.sin(a), z] for quad in quads for (r, z), a in quad]))
+    return tuple(parts)
+
+
+@cache
+def planes(kind: str) -> np.ndarray:
+    """``[pieces, 6, 4]``: outward normal and offset of the faces of :func:`pieces` (n·x ≤ d inside)."""
+    faces = ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7))
+    result = []
+    for corners in pieces(kind):
+        middle = corners.mean(0)
+        for face in faces:
+            quad = corners[list(face)]
+            # Of a quadrilateral that is a triangle, or a line, the diagonals still tell what plane there is.
+            normal = np.cross(quad[2] - quad[0], quad[3] - quad[1])
+            size = np.linalg.norm(normal)
+            normal = normal / size if size > 1e-12 else np.zeros(3)
+            offset = normal @ quad.mean(0)
+            if normal @ middle > offset:
+                normal, offset = -normal, -offset
+            result.append([*normal, offset])
+    return np.array(result).reshape(-1, 6, 4)
+
+
+def footprint(kind: str, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+    """``[P, 2]``: outline from above of an object at ``position`` ``[3]`` with ``rotation`` ``[3, 3]``, counter-clockwise, convex."""
+    if kind == "bowl":
+        angles = np.arange(SECTORS) * 2 * np.pi / SECTORS
+        outline = RADIUS["bowl"] * np.column_stack((np.cos(angles), np.sin(angles), np.zeros(SECTORS)))
+    else:
+        # The face that looks up most, so that a cube that was tipped over has a square outline too.
+        axes = sorted(rotation.T, key=lambda axis: abs(axis[2]))[:2]
+        outline = CUBE / 2 * np.array([a * axes[0] + b * axes[1] for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]) @ rotation
+    flat = (outline @ rotation.T)[:, :2] + position[:2]
+    area = np.cross(flat, np.roll(flat, -1, axis=0)).sum()
+    return flat if area > 0 else flat[::-1]
+
+
+def material(
+    color: tuple[int, int, int], tint: tuple[float, float, float] = (0, 0, 0), roughness: float = 0.9
+) -> sapien.render.RenderMaterial:
+    """A material that looks like the 8-bit ``color`` + ``tint`` (the renderer computes in linear light)."""
+    base = [(min(max(value + shift, 0), 255) / 255) ** 2.2 for value, shift in zip(color, tint, strict=True)]
+    return sapien.render.RenderMaterial(base_color=(*base, 1.0), roughness=roughness)
+
+
+def entity(thing: Thing) -> sapien.Entity:
+    """The object as a rigid body with its picture, not yet part of a scene."""
+    body = sapien.physx.PhysxRigidDynamicComponent()
+    surface = sapien.physx.PhysxMaterial(FRICTION, FRICTION, 0.0)
+    for corners in pieces(thing.kind):
+        body.attach(sapien.physx.PhysxCollisionShapeConvexMesh(corners.astype(np.float32), np.ones(3, dtype=np.float32), surface))
+    inertia = body.inertia * MASS[thing.kind] / body.mass
+    body.mass, body.inertia = MASS[thing.kind], inertia
+    drawn = sapien.render.RenderBodyComponent()
+    vertices, triangles, normals = _mesh(thing.kind)
+    uvs = np.zeros((len(vertices), 2), dtype=np.float32)
+    drawn.attach(sapien.render.RenderShapeTriangleMesh(vertices, triangles, normals, uvs, material(COLORS[thing.color], thing.tint)))
+    built = sapien.Entity()
+    built.set_name(thing.name)
+    built.add_component(body)
+    built.add_component(drawn)
+    angle = np.deg2rad(thing.yaw) / 2
+    built.set_pose(sapien.Pose([thing.x, thing.y, 0.0], [np.cos(angle), 0, 0, np.sin(angle)]))
+    return built
+
+
+@cache
+def _mesh(kind: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Triangles for drawing: vertices, triangles, normals; round where a bowl is round, sharp at edges."""
+    if kind == "cube":
+        (corners,) = pieces(kind)
+        quads = [corners[list(face)] for face in ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7))]
+        normals = [np.cross(quad[1] - quad[0], quad[2] - quad[0]) for quad in quads]
+        return _triangles(np.array(quads), np.repeat(np.array(normals)[:, None], 4, axis=1))
+    angles = np.linspace(0, 2 * np.pi, 2 * SECTORS + 1)
+    spokes = np.stack((np.cos(angles), np.sin(angles)), -1)
+    # Up the outside, over the rim, down the inside.
+    wall = np.vstack((OUTSIDE, INSIDE[::-1]))
+    quads, normals = [], []
+    for (r0, z0), (r1, z1) in pairwise(wall):
+        for first, second in pairwise(spokes):
+            quads.append([[*(r * spoke), z] for r, z, spoke in ((r0, z0, first), (r0, z0, second), (r1, z1, second), (r1, z1, first))])
+            normals.append([[*((z1 - z0) * spoke), r0 - r1] for spoke in (first, second, second, first)])
+    return _triangles(np.array(quads), np.array(normals))
+
+
+def _triangles(quads: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    normals = normals.reshape(-1, 3)
+    corners = 4 * np.arange(len(quads))[:, None, None] + np.array([[0, 1, 2], [0, 2, 3]])
+    unit = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    return quads.reshape(-1, 3).astype(np.float32), corners.reshape(-1, 3).astype(np.uint32), unit.astype(np.float32)
