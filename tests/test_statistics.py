@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from xqmap.statistics import success, wilson
+from xqmap.statistics import bootstrap, success, wilson
 
 
 def test_wilson_against_published_values() -> None:
@@ -28,3 +28,11 @@ def test_success_over_runs() -> None:
     assert row["mean"] == pytest.approx(0.9)
     assert row["std"] == pytest.approx(0.3162, abs=1e-4)
     assert row["choices"] == 10
+
+
+def test_bootstrap_against_all_resamples() -> None:
+    # Of three trainings, 27 equally likely resamples: the lowest mean has probability 1/27 > 2.5 %.
+    assert bootstrap([0.2, 0.8, 1.0]) == pytest.approx((0.2, 1.0))
+    rates = [i / 19 for i in range(20)]
+    spread = 1.96 * (sum((r - 0.5) ** 2 for r in rates) / 20 / 20) ** 0.5
+    assert bootstrap(rates) == pytest.approx((0.5 - spread, 0.5 + spread), abs=0.01)

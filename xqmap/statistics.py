@@ -6,6 +6,8 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
 # Two-sided 95 % of the normal distribution.
 Z95 = 1.959963984540054
 
@@ -31,3 +33,16 @@ def success(runs: Sequence[dict[str, Any]]) -> dict[str, Any]:
     mean = sum(rates) / len(rates) if rates else float("nan")
     variance = sum((rate - mean) ** 2 for rate in rates) / (len(rates) - 1) if len(rates) > 1 else 0.0
     return {"mean": mean, "std": math.sqrt(variance), "choices": choices, "ci95": list(wilson(correct, choices))}
+
+
+def bootstrap(rates: Sequence[float], resamples: int = 10_000) -> tuple[float, float]:
+    """The 95 % percentile interval of the mean when trainings, not choices, are drawn anew (Efron, 1979).
+
+    Args:
+        rates: one per training seed.
+        resamples: how many sets of trainings to draw; the draws are the same at every call.
+    """
+    values = np.asarray(rates, dtype=float)
+    drawn = np.random.default_rng(0).integers(len(values), size=(resamples, len(values)))
+    low, high = np.quantile(values[drawn].mean(1), [0.025, 0.975])
+    return float(low), float(high)
