@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -46,27 +47,39 @@ def task(cfg: DictConfig) -> Any:
     """The world of ``cfg.task.env`` with the task's weights.
 
     Raises:
-        UserError: if its ``_target_`` is not one of our own packages.
+        UserError: if its ``_target_`` is not a world of our own packages, or refuses a setting.
     """
-    settings = OmegaConf.to_container(cfg.task.env, resolve=True)
-    return _trusted(settings, "task.env", weights=dict(cfg.task.weights))
+    return _trusted(cfg.task.env, "task.env", "REWARD_COMPONENTS", weights=dict(cfg.task.weights))
 
 
 def perception(settings: DictConfig) -> Perception:
-    """What names the objects of a scene; see ``conf/explain/perception``."""
-    return _trusted(OmegaConf.to_container(settings, resolve=True), "perception")
+    """What names the objects of a scene; see ``conf/explain/perception``.
+
+    Raises:
+        UserError: if its ``_target_`` is not a perception of our own packages, or refuses a setting.
+    """
+    return _trusted(settings, "perception", "__call__")
 
 
 def make_env(cfg: DictConfig, first_scene: int) -> Callable[[], ManiSkillEnv]:
     """A function that builds the environment where it is called: in this process or in a worker."""
-    return partial(ManiSkillEnv, partial(task, cfg), first_scene=first_scene)
+    return partial(ManiSkillEnv, partial(task, cfg), first_scene=first_scene, limit=cfg.trainer.decision_limit)
 
 
 def qmaps(cfg: DictConfig, pixel_size: float) -> QMaps:
     """The K untrained U-Nets of ``cfg.method`` and ``cfg.qnet``, for cells of ``pixel_size`` metres."""
+    return _untrained(cfg, pixel_size).to(device(cfg), memory_format=torch.channels_last)
+
+
+def shapes(cfg: DictConfig, pixel_size: float) -> dict[str, torch.Size]:
+    """The shapes of the tensors of :func:`qmaps`, by name, found without taking memory for them."""
+    with torch.device("meta"):
+        return {name: tensor.shape for name, tensor in _untrained(cfg, pixel_size).state_dict().items()}
+
+
+def _untrained(cfg: DictConfig, pixel_size: float) -> QMaps:
     stem = LocalGeometry(pixel_size, cfg.qnet.height_scale, list(cfg.qnet.plane_windows), cfg.qnet.surroundings, cfg.qnet.slope_scale)
-    network = QMaps(cfg.method.components, stem, partial(UNet, width=cfg.qnet.width, depth=cfg.qnet.depth), cfg.method.weights)
-    return network.to(device(cfg), memory_format=torch.channels_last)
+    return QMaps(cfg.method.components, stem, partial(UNet, width=cfg.qnet.width, depth=cfg.qnet.depth), cfg.method.weights)
 
 
 def exploration(cfg: DictConfig) -> EpsilonGreedy:
@@ -96,14 +109,30 @@ def language_model(settings: DictConfig) -> LanguageModel | None:
     return OpenAICompatible(**{str(name): value for name, value in settings.items() if name != "name"})
 
 
-def _trusted(settings: Any, where: str, **extra: Any) -> Any:
-    for target in _targets(settings):
-        if not target.startswith(TRUSTED):
-            raise UserError(f"{where} names {target!r}: only {' and '.join(name + '*' for name in TRUSTED)} are run")
+def _trusted(settings: Any, where: str, offers: str, **extra: Any) -> Any:
+    """Builds the one class that ``settings`` name: of a trusted package, defined where it is named, with the attribute ``offers``."""
+    content = OmegaConf.to_container(settings, resolve=True) if OmegaConf.is_config(settings) else settings
+    if not isinstance(content, dict) or not isinstance(content.get("_target_"), str):
+        raise UserError(f"{where} names no _target_: give a class of {' or '.join(name + '*' for name in TRUSTED)}")
+    target = content["_target_"]
+    inner = [name for name, value in content.items() for name in _targets(value)]
+    for name in (target, *inner):
+        if not name.startswith(TRUSTED):
+            raise UserError(f"{where} names {name!r}: only {' and '.join(name + '*' for name in TRUSTED)} are run")
+    if inner:
+        raise UserError(f"{where} names {inner[0]!r} inside its settings: only its own _target_ is run")
+    module, _, name = target.rpartition(".")
     try:
-        return instantiate(settings, **extra, _convert_="all")
+        found = getattr(importlib.import_module(module), name, None)
+    except ImportError as error:
+        raise UserError(f"{where} names {target!r}: {error}") from None
+    # Not whatever a module happens to import: 'xqmap.cli.shutil.rmtree' begins with a trusted name, too.
+    if not isinstance(found, type) or found.__module__ != module or not hasattr(found, offers):
+        raise UserError(f"{where} names {target!r}, which is not a class of that module with {offers}")
+    try:
+        return instantiate(content, **extra, _convert_="all", _recursive_=False)
     except InstantiationException as error:
-        if isinstance(error.__cause__, ValueError | TypeError):
+        if isinstance(error.__cause__, ValueError | TypeError | OverflowError):
             raise UserError(f"{where}: {error.__cause__}") from None
         raise
 

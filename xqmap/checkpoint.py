@@ -5,27 +5,34 @@ A file is written beside its place and moved there when complete, so a reader fi
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import hashlib
 import json
+import math
 import os
-import struct
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
-from omegaconf.errors import OmegaConfBaseException
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save
+from safetensors.torch import save_file
 from torch import Tensor
 
+from xqmap import schema
 from xqmap.errors import UserError
 from xqmap.models.policy import GreedyPolicy
 
+# The newest policy, the one that chose best among the last training decisions, and what it takes to go on from a decision.
 POLICY = Path("checkpoint/policy.safetensors")
-TRAINING = Path("checkpoint/training.safetensors")
-_FORMAT = 1
+BEST = Path("checkpoint/best.safetensors")
+TRAINING = "checkpoint/training-{:06d}.safetensors"
+_FORMAT = 2
 _LIBRARIES = ("torch", "torchrl", "tensordict", "mani-skill", "sapien", "hydra-core", "wandb", "numpy")
 
 
@@ -44,45 +51,108 @@ def weights_sha256(state: dict[str, Tensor]) -> str:
     return digest.hexdigest()
 
 
-def write_atomically(path: Path, content: bytes) -> None:
-    """Puts ``content`` at ``path`` completely or not at all."""
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """A name beside ``path`` to write to; it is moved to ``path`` when complete, and gone if that fails."""
     path.parent.mkdir(parents=True, exist_ok=True)
     beside = path.with_name(path.name + ".part")
-    with open(beside, "wb") as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())
-    os.replace(beside, path)
+    try:
+        yield beside
+        with open(beside, "rb") as file:
+            os.fsync(file.fileno())
+        os.replace(beside, path)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            beside.unlink(missing_ok=True)
+        raise
+
+
+def write_atomically(path: Path, content: bytes) -> None:
+    """Puts ``content`` at ``path`` completely or not at all."""
+    with replacing(path) as beside:
+        beside.write_bytes(content)
 
 
 def write(path: Path, tensors: dict[str, Tensor], facts: dict[str, Any]) -> None:
-    """Writes named tensors with JSON facts, the versions they were made with and a checksum."""
+    """Writes named tensors with JSON facts, the versions they were made with and checksums of both."""
     tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
-    facts = facts | {"format": _FORMAT, "versions": versions(), "sha256": weights_sha256(tensors)}
-    write_atomically(path, save(tensors, {"xqmap": json.dumps(facts)}))
+    text = json.dumps(facts | {"versions": versions(), "sha256": weights_sha256(tensors)})
+    with replacing(path) as beside:
+        try:
+            save_file(tensors, beside, {"xqmap": text, "sha256": _sha256(text), "format": str(_FORMAT)})
+        except SafetensorError as error:
+            # The library wraps what the system said.
+            code = errno.ENOSPC if "No space left" in str(error) or "os error 28" in str(error) else errno.EIO
+            raise OSError(code, os.strerror(code), str(path)) from None
 
 
 def read(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
     """What :func:`write` wrote, after checking it.
 
     Raises:
-        UserError: if the file is missing, damaged, foreign or of a newer format.
+        UserError: if the file is missing, damaged, foreign or of another format.
     """
     try:
         with safe_open(path, framework="pt") as file:
-            facts = json.loads((file.metadata() or {}).get("xqmap", "null"))
+            metadata = file.metadata() or {}
+            stored = metadata.get("format", "")
+            if "xqmap" not in metadata or not stored.isdecimal():
+                raise UserError(f"{path} was not written by xqmap: give the directory of one of its runs")
+            if stored != str(_FORMAT):
+                fix = "update xqmap" if int(stored) > _FORMAT else "train again"
+                raise UserError(f"{path} has format {stored}, this version of xqmap reads {_FORMAT}: {fix}")
+            if _sha256(metadata["xqmap"]) != metadata.get("sha256"):
+                raise UserError(f"{path} is damaged (the checksum of its settings does not match): train again or use another run")
+            facts = json.loads(metadata["xqmap"])
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (not a dictionary)
     except FileNotFoundError:
         raise UserError(f"there is no {path}: give the directory of a run that got as far as its first checkpoint") from None
-    except (SafetensorError, json.JSONDecodeError, struct.error, OSError) as error:
-        raise UserError(f"{path} is damaged ({error}): train again or use another run") from None
-    if not isinstance(facts, dict) or "sha256" not in facts:
-        raise UserError(f"{path} was not written by xqmap: give the directory of one of its runs")
-    if facts.get("format") != _FORMAT:
-        raise UserError(f"{path} has format {facts.get('format')}, this version of xqmap reads {_FORMAT}: update xqmap")
-    if weights_sha256(tensors) != facts["sha256"]:
+    except (SafetensorError, ValueError, RecursionError, OSError) as error:
+        raise UserError(f"{path} is damaged ({str(error)[:200]}): train again or use another run") from None
+    if not isinstance(facts, dict) or weights_sha256(tensors) != facts.get("sha256"):
         raise UserError(f"{path} is damaged (its checksum does not match): train again or use another run")
     return tensors, facts
+
+
+def _sha256(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def trainings(directory: Path) -> list[Path]:
+    """The checkpoints a run can go on from, newest first."""
+    found = {path: re.fullmatch(r"training-(\d+)\.safetensors", path.name) for path in (directory / TRAINING).parent.glob("training-*")}
+    return sorted((path for path, match in found.items() if match), key=lambda path: int(path.stem.split("-")[1]), reverse=True)
+
+
+def read_training(place: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
+    """What a training goes on from: the newest checkpoint of a run directory, or the one given as a file.
+
+    Raises:
+        UserError: if there is none or it cannot be used; the message names the one before it, where there is one.
+    """
+    kept = [place] if place.suffix == ".safetensors" else trainings(place)
+    if not kept:
+        raise UserError(f"there is no checkpoint in {place} to go on from: give the directory of a run that got as far as its first one")
+    try:
+        return read(kept[0])
+    except UserError as error:
+        if len(kept) == 1:
+            raise
+        raise UserError(f"{error}, or go on from the checkpoint before it: resume={kept[1]}") from None
+
+
+def prune(directory: Path, frames: int, keep: int) -> None:
+    """Removes all but the last ``keep`` checkpoints up to the one of ``frames``; later ones are of a future that was given up."""
+    for path in trainings(directory):
+        if int(path.stem.split("-")[1]) > frames:
+            path.unlink()
+    for path in trainings(directory)[keep:]:
+        path.unlink()
+
+
+def home(place: Path) -> Path:
+    """Where what is made from a run belongs: its directory, or for a single policy file the folder beside it of the same name."""
+    return place.with_suffix("") if place.suffix == ".safetensors" else place
 
 
 @dataclass
@@ -96,31 +166,57 @@ class Run:
     sha256: str
 
 
-def load_run(directory: str | Path) -> Run:
-    """The saved policy of a run directory. Its settings come from the file's own metadata, plain YAML; nothing in it is executed.
+def load_run(place: str | Path) -> Run:
+    """The policy of a run directory, or of one policy file. Its settings come from the file's own metadata; nothing in it is executed.
 
     Raises:
-        UserError: if the directory holds no readable run.
+        UserError: if there is no readable policy.
     """
     from xqmap import build  # build imports ManiSkill, which reading settings does not need
 
-    directory = Path(directory)
-    tensors, facts = read(directory / POLICY)
-    cfg = settings(facts, directory)
-    network = build.qmaps(cfg, facts["pixel_size"])
+    place = Path(place)
+    file = place if place.suffix == ".safetensors" else place / POLICY
+    tensors, facts = read(file)
+    cfg = settings(facts, file)
+    misfit = f"{file} does not fit its own settings"
     try:
+        pixel_size, noise = float(facts["pixel_size"]), {str(name): float(value) for name, value in facts["noise"].items()}
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise UserError(f"{misfit} ({error}): train again") from None
+    if not (math.isfinite(pixel_size) and pixel_size > 0 and all(map(math.isfinite, noise.values()))):
+        raise UserError(f"{misfit} (pixel size or noise is not a number above 0): train again")
+    try:
+        # Without memory first: settings of a stranger could ask for more than there is.
+        if build.shapes(cfg, pixel_size) != {name: tensor.shape for name, tensor in tensors.items()}:
+            raise UserError(f"{misfit} (its tensors are not those of its network): train again")
+        network = build.qmaps(cfg, pixel_size)
         network.load_state_dict(tensors)
-    except RuntimeError as error:
-        raise UserError(f"{directory / POLICY} does not fit its own settings ({str(error).splitlines()[0]}): train again") from None
-    return Run(directory, cfg, GreedyPolicy(network).eval(), facts.get("noise", {}), facts["sha256"])
+    except (RuntimeError, ValueError, TypeError, OverflowError) as error:
+        raise UserError(f"{misfit} ({str(error).splitlines()[0][:200]}): train again") from None
+    return Run(home(place), cfg, GreedyPolicy(network).eval(), noise, facts["sha256"])
 
 
-def settings(facts: dict[str, Any], directory: Path) -> DictConfig:
-    """The training's configuration, as stored beside the tensors."""
+def settings(facts: dict[str, Any], file: Path) -> DictConfig:
+    """The training's configuration, as stored beside the tensors of ``file``: typed, in range, plain values only.
+
+    Raises:
+        UserError: if it is anything else.
+    """
+    stored = facts.get("config")
+    if not isinstance(stored, dict) or not _plain(stored):
+        raise UserError(f"{file} carries no readable settings: train again")
     try:
-        cfg = OmegaConf.create(facts["config"])
-    except (KeyError, OmegaConfBaseException) as error:
-        raise UserError(f"{directory} carries no readable settings ({error}): train again") from None
-    if not isinstance(cfg, DictConfig):
-        raise UserError(f"{directory} carries no readable settings: train again")
+        cfg = schema.typed(OmegaConf.create(stored))
+        schema.validate(cfg)
+    except UserError as error:
+        raise UserError(f"{file}: {error}") from None
     return cfg
+
+
+def _plain(value: Any) -> bool:
+    """Whether settings hold no ``${...}``, which could read this machine's environment."""
+    if isinstance(value, dict):
+        return all(_plain(name) and _plain(entry) for name, entry in value.items())
+    if isinstance(value, list):
+        return all(map(_plain, value))
+    return not (isinstance(value, str) and "${" in value)

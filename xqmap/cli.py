@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import os
-import shutil
+import signal
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 import hydra
@@ -18,7 +20,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 import conf
 from xqmap import schema
-from xqmap.errors import UserError
+from xqmap.errors import Stopped, UserError
 
 # Hydra's own short message would be followed by advice to set this; we print one line ourselves.
 os.environ.setdefault("HYDRA_FULL_ERROR", "1")
@@ -28,7 +30,7 @@ CONF = str(Path(conf.__path__[0]).resolve())
 def main(config_name: str) -> Callable[[Callable[[DictConfig], None]], Callable[[], None]]:
     """Turns ``command(cfg)`` into a program configured by ``conf/<config_name>.yaml`` and ``key=value`` arguments.
 
-    Exit status: 0 when it did what was asked, 1 on a mistake the person can mend (told in one line), 130 on Ctrl-C.
+    Exit status: 0 when it did what was asked, 1 on a mistake the person can mend (told in one line), 130 on Ctrl-C, 143 on SIGTERM.
     """
 
     def wrap(command: Callable[[DictConfig], None]) -> Callable[[], None]:
@@ -43,26 +45,45 @@ def main(config_name: str) -> Callable[[Callable[[DictConfig], None]], Callable[
                     command(cfg)
                 except (Exception, KeyboardInterrupt, SystemExit) as error:
                     failed.append(error)
-                    if isinstance(error, UserError):
-                        _forget_empty_run()
+                    _forget_empty_run()
 
+            signal.signal(signal.SIGTERM, _terminate)
             try:
                 hydra.main(version_base=None, config_path=CONF, config_name=config_name)(guarded)()
                 for error in failed:
                     raise error
-            except UserError as error:
-                sys.exit(_line(str(error)))
-            except (HydraException, OmegaConfBaseException) as error:
-                sys.exit(_line(_mistake(error)))
-            except OSError as error:
-                sys.exit(_line(f"{error.strerror or error}: {error.filename or 'this file'} (another directory: hydra.run.dir=DIR)"))
+            except Stopped as error:
+                sys.exit(128 + error.number)
             except KeyboardInterrupt:
                 print("stopped", file=sys.stderr)
                 sys.exit(130)
+            except Exception as error:
+                if not (line := told(error)):
+                    raise
+                sys.exit(_line(line))
 
         return program
 
     return wrap
+
+
+def told(error: Exception) -> str:
+    """What a person is told of ``error``; empty for one that is our own mistake and needs its traceback."""
+    if isinstance(error, UserError):
+        return str(error)
+    if isinstance(error, HydraException | OmegaConfBaseException):
+        return _mistake(error)
+    if isinstance(error, OSError):
+        place = f"{error.strerror or error}: {error.filename or 'a file of this run'}"
+        return f"{place} (another directory: hydra.run.dir=DIR or out=PLACE)"
+    if isinstance(error, MemoryError) or (isinstance(error, RuntimeError) and "allocate memory" in str(error)):
+        return "not enough memory: lower replay.capacity, trainer.batch_size or qnet.width"
+    return ""
+
+
+def _terminate(number: int, frame: FrameType | None) -> None:
+    print("stopped", file=sys.stderr)
+    raise Stopped(number)
 
 
 def required(cfg: DictConfig, name: str, example: str) -> Any:
@@ -86,10 +107,11 @@ def resume_in_place(arguments: list[str]) -> None:
 
 
 def _forget_empty_run() -> None:
-    """Takes back the run directory that Hydra made, if nothing but the settings got into it."""
+    """Takes back the run directory that Hydra made, if nothing got into it."""
     directory = Path(HydraConfig.get().runtime.output_dir)
-    if [entry.name for entry in directory.iterdir()] == [".hydra"]:
-        shutil.rmtree(directory)
+    if directory != Path.cwd():
+        with contextlib.suppress(OSError):
+            directory.rmdir()
 
 
 def _line(text: str) -> str:

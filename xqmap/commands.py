@@ -89,4 +89,4 @@ def default_folder(cfg: DictConfig, name: str) -> Path:
     """Where a command writes that was not told: in the run's figures, or beside the decision file."""
     if cfg.decision is not None:
         return Path(cfg.decision).parent / name
-    return Path(cfg.run) / "figures" / f"scene{cfg.scene_seed}"
+    return checkpoint.home(Path(cfg.run)) / "figures" / f"scene{cfg.scene_seed}"

@@ -1,5 +1,17 @@
-"""The one exception whose message is meant for the person at the keyboard."""
+"""Exceptions whose message is meant for the person at the keyboard."""
 
 
 class UserError(Exception):
     """A mistake that the user can mend: the message is one line that names the setting (or file) and the fix."""
+
+
+class WorldError(UserError):
+    """The simulator failed or did not come to an end; the message says where."""
+
+
+class Stopped(KeyboardInterrupt):
+    """A signal asked to stop at once; ``number`` is the signal's."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(f"stopped by signal {number}")
+        self.number = number

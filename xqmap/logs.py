@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 import csv
+import io
+import logging
 import math
 import os
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
 import torch
 from omegaconf import DictConfig, OmegaConf
-from tensordict import TensorDictBase
+from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
 from xqmap import keys
+from xqmap.checkpoint import write_atomically
+from xqmap.errors import UserError
 from xqmap.evaluation import SAME_REWARD
+
+_logger = logging.getLogger(__name__)
 
 
 class Log:
@@ -33,11 +39,13 @@ class Log:
     def __init__(self, directory: Path, cfg: DictConfig, columns: list[str], after: int = 0, wandb_id: str | None = None) -> None:
         self.columns = columns
         path = directory / "metrics.csv"
-        kept = _rows(path, after) if after else []
-        self._file = open(path, "w", newline="", encoding="utf-8")  # noqa: SIM115 (lives as long as the log)
+        kept = io.StringIO(newline="")
+        writer = csv.DictWriter(kept, columns)
+        writer.writeheader()
+        writer.writerows(_rows(path, columns, after) if after else [])
+        write_atomically(path, kept.getvalue().encode())
+        self._file = open(path, "a", newline="", encoding="utf-8")  # noqa: SIM115 (lives as long as the log)
         self._csv = csv.DictWriter(self._file, columns)
-        self._csv.writeheader()
-        self._csv.writerows(kept)
         self._wandb: Any = None
         self.wandb_id = wandb_id
         if cfg.logger.mode != "disabled":
@@ -49,44 +57,62 @@ class Log:
         import wandb
         from torchrl.record.loggers.wandb import WandbLogger
 
-        self._wandb = WandbLogger(
-            exp_name=directory.name,
-            offline=cfg.logger.mode == "offline",
-            save_dir=str(directory),
-            project=cfg.logger.project,
-            id=self.wandb_id,
-            log_env_packages=False,
-            config=OmegaConf.to_container(cfg, resolve=True),
-            settings=wandb.Settings(x_disable_stats=True, console="off", silent=True),
-        )
+        try:
+            self._wandb = WandbLogger(
+                exp_name=directory.name,
+                offline=cfg.logger.mode == "offline",
+                save_dir=str(directory),
+                project=cfg.logger.project,
+                id=self.wandb_id,
+                log_env_packages=False,
+                config=OmegaConf.to_container(cfg, resolve=True),
+                settings=wandb.Settings(x_disable_stats=True, console="off", silent=True),
+            )
+        except wandb.Error as error:
+            raise UserError(f"logger.mode={cfg.logger.mode}: wandb does not start ({error}); logger.mode=disabled does without") from None
         self.wandb_id = self._wandb.experiment.id
 
     def row(self, values: dict[str, float]) -> None:
         """One step's metrics; must hold ``frames``. What is not known yet stays empty."""
-        self._csv.writerow({name: value for name, value in values.items() if math.isfinite(value)})
+        known = {name: value for name, value in values.items() if math.isfinite(value)}
+        self._csv.writerow(known)
         self._file.flush()
-        if self._wandb is not None:
-            self._wandb.experiment.log({name: value for name, value in values.items() if math.isfinite(value)}, step=int(values["frames"]))
+        self._to_wandb(lambda experiment: experiment.log(known, step=int(values["frames"])))
 
     def picture(self, name: str, path: Path, frames: int) -> None:
         """A picture file, into wandb."""
-        if self._wandb is not None:
+
+        def send(experiment: Any) -> None:
             import wandb
 
-            self._wandb.experiment.log({name: wandb.Image(str(path))}, step=frames)
+            experiment.log({name: wandb.Image(str(path))}, step=frames)
+
+        self._to_wandb(send)
 
     def close(self) -> None:
         """Ends the wandb run, so that the next one in this process gets an id of its own."""
         self._file.close()
-        if self._wandb is not None:
-            self._wandb.experiment.finish()
+        self._to_wandb(lambda experiment: experiment.finish())
+
+    def _to_wandb(self, act: Callable[[Any], Any]) -> None:
+        """Training does not end because its log does: wandb is left out from its first failure on."""
+        if self._wandb is None:
+            return
+        try:
+            act(self._wandb.experiment)
+        except Exception as error:
+            self._wandb = None
+            why = " ".join(str(error).split())[:200]
+            _logger.warning("wandb failed (%s: %s); training goes on, metrics.csv has every row", type(error).__name__, why)
 
 
-def _rows(path: Path, after: int) -> list[dict[str, str]]:
+def _rows(path: Path, columns: list[str], after: int) -> list[dict[str, str]]:
+    """The whole rows of an earlier part of the run; one that a crash cut off is left out."""
     if not path.exists():
         return []
-    with open(path, newline="", encoding="utf-8") as file:
-        return [row for row in csv.DictReader(file) if row["frames"] and float(row["frames"]) <= after]
+    with open(path, newline="", encoding="utf-8", errors="replace") as file:
+        rows = [row for row in csv.DictReader(file) if list(row) == columns and None not in row.values()]
+    return [row for row in rows if row["frames"] and float(row["frames"]) <= after]
 
 
 class Tracker:
@@ -128,6 +154,21 @@ class Tracker:
         row = {"success": self.success, "reward": float(batch["next", keys.REWARD].mean())}
         row |= _named("return", self.components, returns) | _named("q_bias", self.values, bias)
         return row
+
+    def contents(self) -> dict[str, Tensor]:
+        """What the next rows depend on, by name."""
+        episode = TensorDict.stack(self._episode).flatten_keys(".").items() if self._episode else ()
+        return {"correct": torch.tensor(list(self.correct)), **{f"episode.{name}": value for name, value in episode}}
+
+    def restore(self, contents: dict[str, Tensor]) -> None:
+        """The inverse of :meth:`contents`."""
+        self.correct.extend(contents["correct"].tolist())
+        episode = {tuple(name.split(".")[1:]): value for name, value in contents.items() if name != "correct"}
+        if episode:
+            stored = TensorDict({}, batch_size=[len(next(iter(episode.values())))])
+            for name, value in episode.items():
+                stored[name] = value
+            self._episode = list(stored.unbind(0))
 
     def names(self) -> list[str]:
         """The names of what :meth:`add` returns."""

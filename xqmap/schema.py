@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -41,11 +42,11 @@ class Method:
 
 @dataclass
 class QNet:
-    width: int = _bounded(1)
+    width: int = _bounded(1, 4096)
     depth: int = _bounded(0, 6)
     height_scale: float = _bounded(0, above=True)
     plane_windows: list[int] = MISSING
-    surroundings: int = _bounded(3)
+    surroundings: int = _bounded(3, 255)
     slope_scale: float = _bounded(0, above=True)
 
 
@@ -74,7 +75,7 @@ class Collector:
 
 @dataclass
 class Replay:
-    capacity: int = _bounded(1)
+    capacity: int = _bounded(1, 10**9)
     augment: bool = MISSING
 
 
@@ -89,6 +90,8 @@ class Trainer:
     target_period: int = _bounded(1)
     precision: str = _one_of("auto", "fp32", "bf16")
     checkpoint_period: int = _bounded(1)
+    keep_last: int = _bounded(1)
+    decision_limit: float | None = _bounded(0, above=True)
     picture_period: int = _bounded(1)
 
 
@@ -156,11 +159,28 @@ def validate(cfg: DictConfig) -> None:
     if OmegaConf.is_missing(cfg, "task"):
         raise UserError("no task: add +task=NAME, one of conf/task (+task=landing)")
     _check(Schema, cfg, "")
+    for name in ("task.components", "method.components"):
+        components = list(OmegaConf.select(cfg, name))
+        if not components or len(set(components)) < len(components):
+            raise UserError(f"{name}={components} must name at least one component, and none twice")
     unknown = set(cfg.task.weights) - set(cfg.task.components)
     if unknown:
         raise UserError(f"task.weights names {sorted(unknown)}; the task's components are {list(cfg.task.components)}")
-    if any(weight < 0 for weight in cfg.task.weights.values()):
-        raise UserError("task.weights must be 0 or more")
+    if not all(math.isfinite(weight) and weight >= 0 for weight in (*cfg.task.weights.values(), *cfg.method.weights)):
+        raise UserError("task.weights must be finite numbers of 0 or more")
+    if len(cfg.method.weights) != len(cfg.method.components):
+        raise UserError(f"method.weights has {len(cfg.method.weights)} numbers for the components {list(cfg.method.components)}")
+    if any(edge % 2 == 0 or not 3 <= edge <= 255 for edge in (*cfg.qnet.plane_windows, cfg.qnet.surroundings)):
+        raise UserError("qnet.plane_windows and qnet.surroundings must be odd numbers of cells from 3 to 255")
+    if cfg.threads is not None and not 1 <= cfg.threads <= 4096:
+        raise UserError(f"threads={cfg.threads} must be between 1 and 4096, or null")
+    if not math.isfinite(cfg.exploration.raised_height):
+        raise UserError(f"exploration.raised_height={cfg.exploration.raised_height} must be a finite number of metres")
+    until = cfg.evaluation.until or {}
+    if unknown := set(until) - set(cfg.task.components):
+        raise UserError(f"evaluation.until names {sorted(unknown)}; the task's components are {list(cfg.task.components)}")
+    if not all(math.isfinite(total) and total > 0 for total in until.values()):
+        raise UserError("evaluation.until must hold finite numbers above 0")
     if not cfg.evaluation.seeds:
         raise UserError("evaluation.seeds is empty: give at least one, evaluation.seeds=[0]")
     if any(not 0 <= seed < 10_000 for seed in cfg.evaluation.seeds):
@@ -178,7 +198,10 @@ def _check(schema: type, cfg: DictConfig, prefix: str) -> None:
         limits = item.metadata
         if "choices" in limits and value not in limits["choices"]:
             raise UserError(f"{name}={value} is not one of {', '.join(limits['choices'])}")
-        if "low" in limits and not (limits["low"] <= value <= limits["high"] and not (limits["above"] and value == limits["low"])):
+        if "low" not in limits or value is None:
+            continue
+        inside = math.isfinite(value) and limits["low"] <= value <= limits["high"]
+        if not inside or (limits["above"] and value == limits["low"]):
             bound = f"above {limits['low']}" if limits["above"] else f"at least {limits['low']}"
-            upper = "" if limits["high"] == float("inf") else f" and at most {limits['high']}"
+            upper = " and finite" if limits["high"] == float("inf") else f" and at most {limits['high']}"
             raise UserError(f"{name}={value} is out of range: it must be {bound}{upper}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import signal
+import sys
 import time
 from pathlib import Path
 from types import FrameType
@@ -19,14 +20,15 @@ from torchrl.collectors import Collector
 from torchrl.objectives import HardUpdate
 from tqdm import tqdm
 
-from xqmap import build, checkpoint, keys
-from xqmap.errors import UserError
+from xqmap import build, checkpoint, keys, randomness
+from xqmap.errors import Stopped, UserError
 from xqmap.evaluation import training_scenes
 from xqmap.explanations import Decision, plots
 from xqmap.explanations.perception import Scene
 from xqmap.logs import Log, Tracker
 from xqmap.models.policy import GreedyPolicy
 from xqmap.replay import Replay
+from xqmap.statistics import wilson
 
 
 class Trainer:
@@ -35,15 +37,17 @@ class Trainer:
     Args:
         cfg: validated settings.
         directory: the run directory; it exists and can be written.
-        resume: go on from the checkpoint in ``directory``.
+        saved: tensors and facts of the checkpoint to go on from (``checkpoint.read_training``); None begins.
     """
 
-    def __init__(self, cfg: DictConfig, directory: Path, resume: bool = False) -> None:
+    def __init__(self, cfg: DictConfig, directory: Path, saved: tuple[dict[str, Tensor], dict[str, Any]] | None = None) -> None:
         self.cfg, self.directory = cfg, directory
         torch.manual_seed(cfg.seed)
-        saved = checkpoint.read(directory / checkpoint.TRAINING) if resume else None
         self.device = build.device(cfg)
-        self.frames = self.updates = self.next_checkpoint = self.next_picture = 0
+        self.frames = self.updates = self.next_checkpoint = self.next_picture = self.saved_frames = 0
+        self.best = -1.0
+        # Actions of the present episode: played again in its scene, they lead to the present state.
+        self.unfinished: list[int] = []
         self.seconds = {"infer": 0.0, "update": 0.0}
         self.stopped_by: int | None = None
         # Running mean of |TD error|, by Q-Map: how far its values are typically off.
@@ -62,7 +66,11 @@ class Trainer:
         self._time_policy()
         self.tracker = Tracker(cfg.task.components, cfg.method.components, cfg.method.reward_key, cfg.loss.gamma)
         if saved:
-            self._restore(*saved)
+            try:
+                self._restore(*saved)
+            except (KeyError, ValueError, TypeError, RuntimeError, AttributeError, IndexError) as error:
+                self.env.close()
+                raise UserError(f"the checkpoint in {directory} does not fit its own settings ({str(error)[:200]})") from None
         self.autocast = torch.autocast(self.device.type, torch.bfloat16, enabled=build.bf16(cfg))
         self.log = Log(directory, cfg, self._columns(), self.frames, saved[1]["wandb_id"] if saved else None)
 
@@ -75,7 +83,7 @@ class Trainer:
         if self.frames >= self.cfg.trainer.frames:
             self.log.close()
             return self.greedy
-        before = {name: generator.get_state() for name, generator in self._generators().items()}
+        drawn = randomness.states(self._generators())
         explored = self.exploration.frames.clone()
         collector = Collector(
             self.env,
@@ -86,8 +94,7 @@ class Trainer:
         )
         # A new collector tries the policy once; that must not use up random numbers, or a resumed run would differ.
         self.exploration.frames.copy_(explored)
-        for name, generator in self._generators().items():
-            generator.set_state(before[name])
+        randomness.restore(drawn, self._generators())
         handlers = {number: signal.signal(number, self._stop) for number in (signal.SIGINT, signal.SIGTERM)}
         start, already = time.perf_counter(), self.frames
         try:
@@ -100,12 +107,11 @@ class Trainer:
                         self._draw()
                     bar.set_postfix(best=f"{self.tracker.success:.0%}", ε=f"{self.exploration.eps:.2f}", refresh=False)
                     bar.update(self.frames - bar.n)
-                    finished = self.frames >= self.cfg.trainer.frames
-                    if finished or self._at_edge(batch):
-                        if finished or self.stopped_by or self.frames >= self.next_checkpoint:
-                            self.save()
-                        if finished or self.stopped_by:
-                            break
+                    over = self.stopped_by or self.frames >= self.cfg.trainer.frames
+                    if over or self.frames >= self.next_checkpoint:
+                        self.save()
+                    if over:
+                        break
         finally:
             for number, handler in handlers.items():
                 signal.signal(number, handler)
@@ -114,26 +120,39 @@ class Trainer:
         return self.greedy
 
     def save(self) -> None:
-        """Writes the policy to hand out and everything needed to go on."""
-        facts = {"config": OmegaConf.to_yaml(self.cfg, resolve=True), "pixel_size": self.env.grid.pixel_size, "frames": self.frames}
-        facts |= {"noise": self.noise}
+        """Writes the policy to hand out, keeps the best, and writes everything needed to go on."""
+        self.next_checkpoint = self.frames + self.cfg.trainer.checkpoint_period
+        facts: dict[str, Any] = {"config": OmegaConf.to_container(self.cfg, resolve=True), "pixel_size": self.env.grid.pixel_size}
+        facts |= {"frames": self.frames, "noise": self.noise, "success": self.tracker.success}
         checkpoint.write(self.directory / checkpoint.POLICY, self.network.state_dict(), facts)
+        # By the lower end of the interval, so that four lucky decisions are not the best there were.
+        low, _ = wilson(int(sum(self.tracker.correct)), len(self.tracker.correct))
+        if low >= self.best:
+            self.best = low
+            checkpoint.write(self.directory / checkpoint.BEST, self.network.state_dict(), facts)
         tensors: dict[str, Tensor] = {f"loss/{name}": value for name, value in self.loss.state_dict().items() if isinstance(value, Tensor)}
         for i, state in self.optimizer.state_dict()["state"].items():
             tensors |= {f"optimizer/{i}/{name}": value for name, value in state.items()}
-        tensors |= {f"rng/{name}": generator.get_state() for name, generator in self._generators().items()}
-        tensors |= {f"replay/{name}": value for name, value in self.replay.contents().items()}
+        parts = {
+            "random": randomness.states(self._generators()),
+            "replay": self.replay.contents(),
+            "tracker": self.tracker.contents(),
+        }
+        tensors |= {f"{part}/{name}": value for part, contents in parts.items() for name, value in contents.items()}
         facts |= {
             "updates": self.updates,
             "scene": self.env.scene_seed,
+            "unfinished": self.unfinished,
             "explored": int(self.exploration.frames),
             "cursor": self.replay.cursor,
-            "correct": list(self.tracker.correct),
             "target_age": self.target_updater.counter,
+            "next_picture": self.next_picture,
+            "best": self.best,
             "wandb_id": self.log.wandb_id,
         }
-        checkpoint.write(self.directory / checkpoint.TRAINING, tensors, facts)
-        self.next_checkpoint = self.frames + self.cfg.trainer.checkpoint_period
+        checkpoint.write(self.directory / checkpoint.TRAINING.format(self.frames), tensors, facts)
+        checkpoint.prune(self.directory, self.frames, self.cfg.trainer.keep_last)
+        self.saved_frames = self.frames
 
     def close(self) -> None:
         """Frees the simulator."""
@@ -143,6 +162,8 @@ class Trainer:
         """Remembers a batch of decisions, learns, and returns its row of metrics."""
         self.replay.extend(batch)
         self.frames += len(batch)
+        for action, done in zip(batch[keys.ACTION].tolist(), batch["next", keys.DONE].flatten().tolist(), strict=True):
+            self.unfinished = [] if done else [*self.unfinished, action]
         row = {"frames": float(self.frames), "eps": self.exploration.eps, **self.tracker.add(batch)}
         row |= {f"metric/{name}": float(batch["next", name].mean()) for name in self.env.metric_names}
         if self.frames >= self.cfg.trainer.warmup_frames:
@@ -173,15 +194,17 @@ class Trainer:
             raise UserError(f"the loss became {float(total)} at update {self.updates}: lower trainer.learning_rate")
         self.optimizer.zero_grad(set_to_none=True)
         total.backward()
-        torch.nn.utils.clip_grad_norm_(self.parameters, self.cfg.trainer.max_grad_norm)
+        norm = torch.nn.utils.clip_grad_norm_(self.parameters, self.cfg.trainer.max_grad_norm)
+        if not bool(torch.isfinite(norm)):
+            raise UserError(f"the gradient became {float(norm)} at update {self.updates}: lower trainer.learning_rate")
         self.optimizer.step()
         self.target_updater.step()
         self.updates += 1
         return losses.detach()
 
     def _restore(self, tensors: dict[str, Tensor], facts: dict[str, Any]) -> None:
-        """The inverse of :meth:`save`; the world continues at the start of the episode that was next."""
-        parts: dict[str, dict[str, Tensor]] = {"loss": {}, "optimizer": {}, "rng": {}, "replay": {}}
+        """The inverse of :meth:`save`; the world goes on in the middle of the episode it was in."""
+        parts: dict[str, dict[str, Tensor]] = {"loss": {}, "optimizer": {}, "random": {}, "replay": {}, "tracker": {}}
         for name, tensor in tensors.items():
             part, _, rest = name.partition("/")
             parts[part][rest] = tensor
@@ -192,16 +215,19 @@ class Trainer:
             optimizer["state"].setdefault(int(i), {})[key] = tensor
         self.optimizer.load_state_dict(optimizer)
         self.replay.restore(parts["replay"], facts["cursor"])
-        self.frames, self.updates, self.noise = facts["frames"], facts["updates"], facts["noise"]
+        self.tracker.restore(parts["tracker"])
+        self.frames = self.saved_frames = facts["frames"]
+        self.updates, self.noise, self.best = facts["updates"], facts["noise"], facts["best"]
         self.exploration.frames.fill_(facts["explored"])
-        self.tracker.correct.extend(facts["correct"])
         self.target_updater.counter = facts["target_age"]
-        self.next_checkpoint = self.next_picture = self.frames + 1
-        for name, generator in self._generators().items():
-            generator.set_state(parts["rng"][name])
+        self.unfinished = [int(action) for action in facts["unfinished"]]
+        self.env.unfinished = list(self.unfinished)
+        self.next_checkpoint = self.frames + self.cfg.trainer.checkpoint_period
+        self.next_picture = facts["next_picture"]
+        randomness.restore(parts["random"], self._generators())
 
     def _generators(self) -> dict[str, torch.Generator]:
-        return {"torch": torch.default_generator, "replay": self.replay.generator, "exploration": self.exploration.generator}
+        return {"replay": self.replay.generator, "exploration": self.exploration.generator}
 
     def _draw(self) -> None:
         """The Q-Maps as they are now, over the first scene that was remembered."""
@@ -224,12 +250,11 @@ class Trainer:
         self.greedy.register_forward_pre_hook(lambda *_: started.__setitem__(0, time.perf_counter()))
         self.greedy.register_forward_hook(stop)
 
-    def _at_edge(self, batch: TensorDictBase) -> bool:
-        """Whether the last decision ended its episode: only there can a simulator be picked up again exactly."""
-        return bool(batch.reshape(-1)[-1]["next", keys.DONE])
-
     def _stop(self, number: int, frame: FrameType | None) -> None:
+        if self.stopped_by is not None:
+            raise Stopped(number)
         self.stopped_by = number
+        tqdm.write("stopping when this step is saved; once more: at once", file=sys.stderr)
 
     def _shares(self) -> dict[str, float]:
         seconds = {**self.env.seconds, **self.seconds}

@@ -14,8 +14,10 @@ from torchrl.data import Binary, Categorical, Composite, Unbounded
 from torchrl.envs import EnvBase
 
 from xqmap import keys
+from xqmap.envs.guard import guarded
 from xqmap.envs.heightmap import PixelGrid, heightmap
 from xqmap.envs.protocol import Task
+from xqmap.errors import WorldError
 
 
 class ManiSkillEnv(EnvBase):
@@ -24,21 +26,25 @@ class ManiSkillEnv(EnvBase):
     Args:
         make_task: builds the world; called here, so that the environment can be sent to a worker process before it exists.
         first_scene: seed of the first scene; each reset that is not told otherwise takes the next one.
+        limit: seconds a decision or reset may take; None for no limit.
 
     Attributes:
         task: the world.
         grid: the cells of the present heightmap in world metres.
         scene_seed: seed of the present scene.
+        unfinished: actions that the next reset plays in its scene: how an episode is picked up where it was left.
         seconds: wall-clock spent so far, by activity (``simulate``, ``render``, ``fuse``).
     """
 
-    def __init__(self, make_task: Callable[[], Task], first_scene: int = 0) -> None:
+    def __init__(self, make_task: Callable[[], Task], first_scene: int = 0, limit: float | None = None) -> None:
         super().__init__(device=torch.device("cpu"), batch_size=torch.Size([]))
         self.task = make_task()
         self.components = tuple(self.task.REWARD_COMPONENTS)
         self.metric_names = tuple(self.task.METRICS)
         self.next_scene = first_scene
         self.scene_seed = first_scene
+        self.unfinished: list[int] = []
+        self._limit = limit
         self._fuse_seconds = 0.0
         self.grid = self._grid()
         self._heightmap = torch.zeros(4, *self.grid.shape)
@@ -91,25 +97,40 @@ class ManiSkillEnv(EnvBase):
         # Rounded as the replay buffer stores it, so that the policy learns from what it sees.
         fused[3] = fused[3].half().float()
         if not bool(fused.isfinite().all()):
-            raise RuntimeError("the heightmap holds NaN or infinite values: a camera or its calibration is broken")
+            raise WorldError("the heightmap holds NaN or infinite values: a camera or its calibration is broken")
         self._heightmap = fused
         cells = np.stack(np.meshgrid(*map(np.arange, self.grid.shape), indexing="ij"), axis=-1).reshape(-1, 2)
         points = self.grid.to_point(torch.from_numpy(cells), fused[3].reshape(-1)).numpy()
         seen = (fused != 0).any(0).reshape(-1)
+        if not bool(seen.any()):
+            raise WorldError("the heightmap is empty: no camera sees anything of the workspace")
         mask = seen & torch.as_tensor(np.asarray(self.task.reachable(points)), dtype=torch.bool)
         self._fuse_seconds += time.perf_counter() - start
         return {keys.HEIGHTMAP: fused, keys.ACTION_MASK: mask}
 
     def _reset(self, tensordict: TensorDictBase | None = None, **kwargs: Any) -> TensorDictBase:
         self.scene_seed, self.next_scene = self.next_scene, self.next_scene + 1
-        observation, _ = self.task.reset(seed=self.scene_seed)
-        blank = {name: torch.zeros(1) for name in (keys.REWARD_AVAILABLE, *self.metric_names)}
-        return TensorDict({**self._observe(observation), keys.REWARD_COMPONENTS: torch.zeros(len(self.components)), **blank})
+        with guarded(f"scene {self.scene_seed}", self._limit):
+            observation, _ = self.task.reset(seed=self.scene_seed)
+            blank = {name: torch.zeros(1) for name in (keys.REWARD_AVAILABLE, *self.metric_names)}
+            state = {**self._observe(observation), keys.REWARD_COMPONENTS: torch.zeros(len(self.components)), **blank}
+        played, self.unfinished = self.unfinished, []
+        for action in played:
+            result = self._step(TensorDict({keys.ACTION: torch.tensor(action)}))
+            state = {name: result[name] for name in state}
+        return TensorDict(state)
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
+        with guarded(f"scene {self.scene_seed}", self._limit):
+            return self._decide(tensordict)
+
+    def _decide(self, tensordict: TensorDictBase) -> TensorDictBase:
         point = self.point(tensordict[keys.ACTION])
         observation, reward, terminated, truncated, info = self.task.step(point.numpy())
         flags = {keys.TERMINATED: bool(terminated), keys.TRUNCATED: bool(truncated)}
+        rewards = torch.cat([torch.as_tensor(part, dtype=torch.float32).reshape(-1) for part in (reward, info["reward_components"])])
+        if not bool(rewards.isfinite().all()):
+            raise WorldError("a reward is NaN or infinite: the world is broken")
         return TensorDict(
             {
                 **self._observe(observation),

@@ -14,6 +14,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from xqmap.checkpoint import replacing
 from xqmap.explanations.decision import SELECTED, Decision
 from xqmap.explanations.sentences import number, signed
 
@@ -100,7 +101,8 @@ def save(figure: Figure, path: Path) -> list[Path]:
     """Writes a figure as PNG and SVG; returns the paths."""
     paths = [path.with_suffix(".png"), path.with_suffix(".svg")]
     for target in paths:
-        figure.savefig(target, metadata={"Date": None} if target.suffix == ".svg" else None)
+        with replacing(target) as beside:
+            figure.savefig(beside, format=target.suffix[1:], metadata={"Date": None} if target.suffix == ".svg" else None)
     plt.close(figure)
     return paths
 
