@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: setup train test lint paper
+.PHONY: setup train test lint browser paper
 
 # Quick the second time: the stamp is newer than what it was made from. A lost Vulkan driver is found either way.
 setup: $(VENV)/installed
@@ -24,6 +24,12 @@ lint: setup
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
+# The browser that tests open pages with, where root can install it; they skip without one.
+browser: setup
+	@command -v chromium >/dev/null || [ "$$(id -u)" != 0 ] || ! command -v apt-get >/dev/null \
+		|| { apt-get update && DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends chromium; } >/dev/null 2>&1 \
+		|| echo "chromium could not be installed: tests that open a page will be skipped"
+
 # What computes shares the two processors with its neighbour, so each process gets one thread.
-test: lint
+test: lint browser
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile

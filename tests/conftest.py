@@ -13,23 +13,24 @@ from tests.toy import ToyTask
 from xqmap import build, cli, schema
 
 
+def toy_settings(*overrides: str) -> DictConfig:
+    """Settings of a training in the toy world, with ``key=value`` changes."""
+    schema.register()
+    small = ["qnet.width=8", "qnet.depth=1", "logger.mode=disabled", "trainer.precision=fp32", "evaluation.seeds=[0,1]"]
+    with initialize_config_dir(cli.CONF, version_base=None):
+        cfg = compose("config", ["+task=landing", "trainer=smoke", *small, *overrides])
+    with open_dict(cfg):
+        cfg.task.name = "toy"
+        cfg.task.components = list(ToyTask.REWARD_COMPONENTS)
+        cfg.task.weights = dict.fromkeys(ToyTask.REWARD_COMPONENTS, 1.0)
+        cfg.task.env = {"_target_": "tests.toy.ToyTask"}
+    return cfg
+
+
 @pytest.fixture
 def toy_config() -> Callable[..., DictConfig]:
-    """Settings of a training in the toy world, with ``key=value`` changes."""
-
-    def make(*overrides: str) -> DictConfig:
-        schema.register()
-        small = ["qnet.width=8", "qnet.depth=1", "logger.mode=disabled", "trainer.precision=fp32", "evaluation.seeds=[0,1]"]
-        with initialize_config_dir(cli.CONF, version_base=None):
-            cfg = compose("config", ["+task=landing", "trainer=smoke", *small, *overrides])
-        with open_dict(cfg):
-            cfg.task.name = "toy"
-            cfg.task.components = list(ToyTask.REWARD_COMPONENTS)
-            cfg.task.weights = dict.fromkeys(ToyTask.REWARD_COMPONENTS, 1.0)
-            cfg.task.env = {"_target_": "tests.toy.ToyTask"}
-        return cfg
-
-    return make
+    """See :func:`toy_settings`."""
+    return toy_settings
 
 
 @pytest.fixture

@@ -10,9 +10,8 @@ from omegaconf import DictConfig
 from xqmap import checkpoint, cli, commands
 from xqmap.errors import UserError
 from xqmap.explanations import Decision, plots
-from xqmap.explanations.dialogue import Dialogue
+from xqmap.explanations.dialogue import excerpt
 from xqmap.explanations.page import over_time, page
-from xqmap.explanations.sentences import wording_for
 
 
 def explain(cfg: DictConfig) -> None:
@@ -63,14 +62,6 @@ def write(decision: Decision, folder: Path) -> list[Path]:
         written += plots.save(plots.overview(decision, excerpt(decision)), folder / "overview")
     written += plots.save(plots.values(decision), folder / "values")
     return written + plots.save(plots.rdx(decision), folder / "rdx")
-
-
-def excerpt(decision: Decision) -> list[tuple[str, str]]:
-    """A few questions, of the task's wording, and their answers from the numbers."""
-    talk = Dialogue(decision, wording_for(decision.task))
-    for question in talk.words["excerpt"]:
-        talk.ask(question)
-    return [(exchange.question, exchange.answer) for exchange in talk.exchanges]
 
 
 def text(decision: Decision) -> str:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
@@ -18,6 +18,20 @@ from xqmap.errors import UserError
 
 # Settings that say where and how often a method ran, not what it is: they never split a group of runs.
 NOT_SWEPT = ("seed", "device", "threads", "resume", "logger")
+
+T = TypeVar("T")
+
+
+class Trained(Protocol):
+    """What can be told apart by its settings."""
+
+    settings: dict[str, Any]
+
+    @property
+    def task(self) -> str: ...  # noqa: D102
+
+    @property
+    def method(self) -> str: ...  # noqa: D102
 
 
 @dataclass
@@ -86,7 +100,7 @@ class Row:
     @property
     def label(self) -> str:
         """The name with the swept settings behind it."""
-        return ", ".join([self.name, *(f"{name}={shown(value)}" for name, value in self.settings.items())])
+        return label(self.name, self.settings)
 
 
 def paper_figures() -> dict[str, dict[str, str]]:
@@ -146,11 +160,11 @@ def differing(settings: Iterable[dict[str, Any]]) -> list[str]:
     return [name for name in names if len({repr(entry.get(name)) for entry in every}) > 1]
 
 
-def swept(results: Sequence[Result]) -> dict[str, list[str]]:
+def swept(trainings: Sequence[Trained]) -> dict[str, list[str]]:
     """By task: the settings that differ between trainings of one method and are neither its seed nor its machine."""
     names: dict[str, dict[str, None]] = {}
-    for group in _grouped(results, lambda r: (r.task, r.method)).values():
-        kept = [name for name in differing(r.settings for r in group) if name.split(".")[0] not in NOT_SWEPT]
+    for group in grouped(trainings, lambda t: (t.task, t.method)).values():
+        kept = [name for name in differing(t.settings for t in group) if name.split(".")[0] not in NOT_SWEPT]
         names.setdefault(group[0].task, {}).update(dict.fromkeys(kept))
     return {task: list(found) for task, found in names.items()}
 
@@ -164,11 +178,11 @@ def table(results: Sequence[Result], paper: Any = None) -> list[Row]:
     """
     names, paper = swept(results), paper or {}
     rows: list[Row] = []
-    for (task, sheet), members in sorted(_grouped(results, lambda r: (r.task, r.sheet)).items()):
+    for (task, sheet), members in sorted(grouped(results, lambda r: (r.task, r.sheet)).items()):
         known = paper.get(task, {}) if not sheet else {}
         order = list(dict.fromkeys([*known, *(result.method for result in members)]))
         members.sort(key=lambda r: (order.index(r.method), *(_rank(r.settings.get(name)) for name in names[r.task])))
-        groups = _grouped(members, lambda r: (r.method, *(repr(r.settings.get(name)) for name in names[r.task])))
+        groups = grouped(members, lambda r: (r.method, *(repr(r.settings.get(name)) for name in names[r.task])))
         rows += [_policy(group, _at(group[0], names[task]), str(known.get(group[0].method, ""))) for group in groups.values()]
         rows += _baselines(members, names[task], known)
     return rows
@@ -215,7 +229,7 @@ def _baselines(members: Sequence[Result], names: list[str], paper: Any) -> list[
     rows: dict[str, Row] = {}
     for name in dict.fromkeys(name for result in members for name in result.content.get("baselines") or {}):
         having = [result for result in members if name in (result.content.get("baselines") or {})]
-        versions = _grouped(having, lambda r: json.dumps(r.content["baselines"][name], sort_keys=True))  # noqa: B023 (used at once)
+        versions = grouped(having, lambda r: json.dumps(r.content["baselines"][name], sort_keys=True))  # noqa: B023 (used at once)
         for group in versions.values():
             entry = group[0].content["baselines"][name]
             # What the runs with this entry have in common tells it from its other versions.
@@ -239,6 +253,11 @@ def _baselines(members: Sequence[Result], names: list[str], paper: Any) -> list[
     return list(rows.values())
 
 
+def label(name: str, settings: dict[str, Any]) -> str:
+    """A method's name with the swept settings behind it."""
+    return ", ".join([name, *(f"{key}={shown(value)}" for key, value in settings.items())])
+
+
 def shown(value: Any) -> str:
     """A setting's value as it stands on a command line."""
     return "null" if value is None else value if isinstance(value, str) else json.dumps(value)
@@ -254,10 +273,11 @@ def _at(result: Result, names: Iterable[str]) -> dict[str, Any]:
     return {name: result.settings.get(name) for name in names}
 
 
-def _grouped(results: Iterable[Result], key: Any) -> dict[Any, list[Result]]:
-    groups: dict[Any, list[Result]] = {}
-    for result in results:
-        groups.setdefault(key(result), []).append(result)
+def grouped(things: Iterable[T], key: Callable[[T], Any]) -> dict[Any, list[T]]:
+    """Things by their key, in the order they come."""
+    groups: dict[Any, list[T]] = {}
+    for thing in things:
+        groups.setdefault(key(thing), []).append(thing)
     return groups
 
 

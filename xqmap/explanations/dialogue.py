@@ -12,7 +12,7 @@ from xqmap.explanations.decision import Decision
 from xqmap.explanations.grounding import ungrounded
 from xqmap.explanations.llm import LanguageModel, Message, Unanswered
 from xqmap.explanations.questions import Question, understand
-from xqmap.explanations.sentences import number, signed
+from xqmap.explanations.sentences import number, signed, wording_for
 
 # Questions and answers the model is reminded of.
 _REMEMBERED = 10
@@ -103,6 +103,14 @@ class Dialogue:
             lines += [f"**{exchange.question}**", "", exchange.answer, ""]
             lines += [f"*Not in the decision: {', '.join(exchange.ungrounded)}.*", ""] if exchange.ungrounded else []
         return "\n".join(lines)
+
+
+def excerpt(decision: Decision) -> list[tuple[str, str]]:
+    """A few questions, of the task's wording, and their answers from the numbers."""
+    talk = Dialogue(decision, wording_for(decision.task))
+    for question in talk.words["excerpt"]:
+        talk.ask(question)
+    return [(exchange.question, exchange.answer) for exchange in talk.exchanges]
 
 
 def scene_line(decision: Decision) -> str:

@@ -1,0 +1,85 @@
+"""What can be checked: every run and how it ended, settings that differ, machines, versions, and what was chosen for what."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+from html import escape
+from pathlib import Path
+
+from xqmap import results
+from xqmap.reports import markup
+from xqmap.reports.runs import Run
+from xqmap.results import Row, shown
+
+
+def runs(every: Sequence[Run]) -> str:
+    """One line per training."""
+    head = ("run", "task", "method", "state", "started", "machine", "seed", "decisions", "updates", "minutes", "best choices")
+    lines = []
+    for run in every:
+        rate = f"{results.table([run.result])[0].mean:.1%}" if run.result else ""
+        began = str(run.environment.get("started_at", ""))[:16].replace("T", " ")
+        numbers = [f"{run.decisions:,}", f"{int(run.last('updates')):,}", f"{run.minutes:.1f}", rate]
+        state = run.state + (f" ({run.trouble})" if run.trouble else "")
+        lines.append([run.name, run.task, run.method, state, began, str(run.environment.get("host", "")), str(run.seed), *numbers])
+    return markup.table(head, lines, "Every training, finished or not.", text_columns=6)
+
+
+def components(rows: Sequence[Row]) -> str:
+    """How well each property was met."""
+    names = list(dict.fromkeys(name for row in rows for name in row.components))
+    lines = [[row.label, *(f"{row.components[name]:.3f}" for name in names)] for row in rows if row.components and not row.sheet]
+    return markup.table(("method", *names), lines, f"{rows[0].task}: mean sub-reward of the choices, by component.") if lines else ""
+
+
+def settings(every: Sequence[Run]) -> str:
+    """What differs between a task's trainings besides the seed."""
+    names = [name for name in results.differing(run.settings for run in every) if name != "seed"]
+    if not names:
+        return "<h3>Settings that differ</h3><p>None but the seed.</p>"
+    lines = [[run.name, *(shown(run.settings[name]) if name in run.settings else "" for name in names)] for run in every]
+    table = markup.table(("run", *names), lines, "Settings that are not the same in all trainings of this task, besides the seed.")
+    return f"<h3>Settings that differ</h3>{table}"
+
+
+def machines(every: Sequence[Run]) -> str:
+    """Where the trainings ran, and with which versions."""
+    facts = {"machine": "host", "system": "os", "Python": "python"}
+    places = results.grouped(every, lambda run: tuple(str(run.environment.get(name, "unknown")) for name in facts.values()))
+    lines = [[*place, str(len(members))] for place, members in places.items()]
+    parts = [markup.table((*facts, "trainings"), lines, "Machines", text_columns=3)]
+    commands = results.grouped((run for run in every if "program" in run.environment), _command)
+    lines = [[command, str(len(members))] for command, members in commands.items()]
+    parts += [markup.table(("command", "trainings"), lines, "What was called")] if lines else []
+    versions: dict[tuple[str, str], int] = {}
+    for run in every:
+        known = dict(run.result.content.get("versions") or {}) if run.result else {}
+        commit = (run.environment.get("git") or {}).get("commit")
+        for name, value in (known | ({"git commit": str(commit)[:10]} if commit else {})).items():
+            versions[name, str(value)] = versions.get((name, str(value)), 0) + 1
+    lines = [[name, value, str(count)] for (name, value), count in sorted(versions.items())]
+    if lines:
+        parts.append(
+            markup.table(("what", "version", "trainings"), lines, "Versions; one that is listed twice differs between trainings.", 2)
+        )
+    return "".join(parts)
+
+
+def _command(run: Run) -> str:
+    given = run.environment.get("args") or []
+    return shlex.join(["python", *str(run.environment["program"]).split(), *map(str, given if isinstance(given, list) else [])])
+
+
+def left_out(paths: dict[Path, str]) -> str:
+    """What lies among the runs and is not in the report."""
+    return markup.table(("path", "why"), [[str(path), why] for path, why in paths.items()], "Not counted", text_columns=2)
+
+
+def confusion(row: Row) -> str:
+    """Which object was chosen where which was best."""
+    bests = sorted({best for counts in row.confusion.values() for best in counts})
+    lines = [[chosen, *(str(row.confusion[chosen].get(best, 0) or "·") for best in bests)] for chosen in sorted(row.confusion)]
+    where = f", {row.sheet}" if row.sheet else ""
+    caption = f"{row.label}{where}: choices by the object chosen (rows) and the object that was best (columns)."
+    return f"<h3>Chosen and best: {escape(row.label)}{escape(where)}</h3>{markup.table(('chosen', *bests), lines, caption)}"

@@ -1,0 +1,142 @@
+"""The report as one page: works from disk, asks for nothing outside, prints, and can be read without its pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from html import escape
+from pathlib import Path
+
+from xqmap import results
+from xqmap.reports import curves, facts, markup, stories, tables
+from xqmap.reports.runs import Run
+from xqmap.results import Row
+
+_HERE = Path(__file__).parent
+# Nothing may be fetched: not even by what a run's file smuggles into the page.
+_POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
+
+
+@dataclass
+class Report:
+    """What the page shows.
+
+    Attributes:
+        source: the directory, as the person named it.
+        runs: every training, finished or not.
+        rows: the table.
+        left_out: ``{path: why}`` of what is no run or could not be read.
+    """
+
+    source: str
+    runs: list[Run]
+    rows: list[Row]
+    left_out: dict[Path, str] = field(default_factory=dict)
+
+    def groups(self, task: str) -> dict[str, list[Run]]:
+        """A task's trainings by the label of their method, in the table's order, then those that are not in it."""
+        names = results.swept([run for run in self.runs if run.task == task]).get(task, [])
+        found = results.grouped(
+            (run for run in self.runs if run.task == task),
+            lambda run: results.label(run.method, {name: run.settings.get(name) for name in names}),
+        )
+        order = [row.label for row in self.rows if row.task == task]
+        return {label: found[label] for label in sorted(found, key=lambda label: order.index(label) if label in order else len(order))}
+
+
+def page(report: Report) -> str:
+    """The whole page as HTML."""
+    tasks = sorted({run.task for run in report.runs})
+    sections = {"Results": _results(report, tasks)} | {task: _task(report, task) for task in tasks}
+    sections |= {"Runs": facts.runs(report.runs), "Machines and versions": facts.machines(report.runs)}
+    if report.left_out:
+        sections["Left out"] = facts.left_out(report.left_out)
+    title = f"xqmap: {_count(len(report.runs), 'training')} of {_count(len(tasks), 'task')}"
+    links = "".join(f'<a href="#{_anchor(name)}">{escape(name)}</a>' for name in sections)
+    body = "".join(f'<section id="{_anchor(name)}"><h2>{escape(name)}</h2>{content}</section>' for name, content in sections.items())
+    style, script = ((_HERE / name).read_text(encoding="utf-8") for name in ("report.css", "report.js"))
+    return (
+        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">'
+        f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}"><title>{escape(title)}</title><style>{style}</style></head>'
+        f"<body><header><h1>{escape(title)}</h1><p class=soft>{escape(_summary(report))}</p><nav>{links}</nav></header>"
+        f"<main>{body}</main><script>{script}</script></body></html>\n"
+    )
+
+
+def _summary(report: Report) -> str:
+    started = sorted(str(run.environment["started_at"])[:10] for run in report.runs if "started_at" in run.environment)
+    unfinished = sum(not run.finished for run in report.runs)
+    parts = [
+        f"{sum(run.decisions for run in report.runs):,} decisions in {sum(run.minutes for run in report.runs):,.1f} minutes of training"
+    ]
+    parts += [f"started {started[0]}" + (f" to {started[-1]}" if started[-1] != started[0] else "")] if started else []
+    parts += [f"{_count(unfinished, 'training')} did not finish"] if unfinished else []
+    return ", ".join(parts) + f". Read from {report.source}."
+
+
+def _results(report: Report, tasks: Sequence[str]) -> str:
+    if not report.rows:
+        return "<p>No training under this directory has been evaluated yet, so there is no table.</p>"
+    parts = [f"<p class=lead>{escape(sentence)}</p>" for sentence in _headlines(report.rows)]
+    parts.append(
+        markup.table(
+            tables.COLUMNS,
+            map(tables.cells, report.rows),
+            "Choices whose reward was the highest that any action would have had, on scenes that no training shows.",
+            text_columns=2,
+        )
+    )
+    for task in tasks:
+        for sheet in dict.fromkeys(row.sheet for row in report.rows if row.task == task):
+            rows = [row for row in report.rows if row.task == task and row.sheet == sheet]
+            where = f"{task} ({sheet})" if sheet else task
+            caption = f"Best choices in {where}: the dot is the mean, the line its 95 % interval."
+            parts.append(markup.figure(curves.intervals(rows, _colors(report, task)), caption))
+        parts.append(facts.components([row for row in report.rows if row.task == task]))
+    parts.append(
+        "<p class=soft>The interval of one training is Wilson's for a proportion; of several it is a bootstrap over training seeds, never "
+        "narrower than Wilson's for all choices together. Regret is the mean of highest reward available − reward taken. The column "
+        "“paper” is what Lu et al. (ICDL 2023) print.</p>"
+    )
+    return "".join(parts)
+
+
+def _headlines(rows: Sequence[Row]) -> list[str]:
+    said = []
+    for members in results.grouped((row for row in rows if row.training_seeds and not row.sheet), lambda row: row.task).values():
+        row = members[0]
+        low, high = row.ci95
+        trained = "one training" if len(row.training_seeds) == 1 else f"{len(row.training_seeds)} trainings"
+        paper = f"; the paper prints {row.paper}" if row.paper else ""
+        measured = f"{low:.1%} – {high:.1%}; {row.choices} choices of {trained}{paper}"
+        said.append(f"{row.task}: {row.label} made the best choice {row.mean:.1%} of the time ({measured}).")
+    return said
+
+
+def _task(report: Report, task: str) -> str:
+    groups, colors = report.groups(task), _colors(report, task)
+    parts = ["<h3>Learning</h3>", markup.legend(colors)]
+    runs = [run for members in groups.values() for run in members]
+    parts.append("<p class=soft>Line: mean over trainings. Band: from the lowest training to the highest.</p>")
+    for metric, meaning in curves.METRICS.items():
+        if figure := curves.learning(groups, metric, colors):
+            parts.append(markup.figure(figure, f"{meaning}; against decisions and against minutes."))
+    if figure := curves.shares(groups):
+        parts += ["<h3>Where the time went</h3>", markup.figure(figure, "Share of wall-clock in training, by what it was spent on.")]
+    parts += stories.film_strip(groups)
+    parts += stories.decision(runs)
+    parts += [facts.confusion(row) for row in report.rows if row.task == task and row.confusion]
+    parts.append(facts.settings(runs))
+    return "".join(parts)
+
+
+def _colors(report: Report, task: str) -> dict[str, str]:
+    return {label: curves.COLORS[i % len(curves.COLORS)] for i, label in enumerate(report.groups(task))}
+
+
+def _anchor(name: str) -> str:
+    return "section-" + "".join(c if c.isalnum() else "-" for c in name.lower())
+
+
+def _count(number: int, thing: str) -> str:
+    return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
