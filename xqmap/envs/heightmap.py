@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import torch
 from torch import Tensor
+from torch.nn import functional as F
 
 
 @dataclass(frozen=True)
@@ -66,9 +67,13 @@ def unproject(depth: Tensor, intrinsics: Tensor, camera_to_world: Tensor) -> Ten
     v = torch.arange(h, dtype=depth.dtype, device=depth.device).view(1, h, 1)
     u = torch.arange(w, dtype=depth.dtype, device=depth.device).view(1, 1, w)
     fx, fy, cx, cy = (intrinsics[:, i, j, None, None] for i, j in ((0, 0), (1, 1), (0, 2), (1, 2)))
-    rotation, translation = camera_to_world[:, :3, :3], camera_to_world[:, :3, 3]
-    points = torch.stack(((u - cx) / fx * depth, (v - cy) / fy * depth, depth), dim=-1)
-    return torch.einsum("nij,nhwj->nhwi", rotation, points) + translation[:, None, None]
+    across, down = (u - cx) / fx, (v - cy) / fy
+    # One plane per axis: what follows runs along memory.
+    points = depth.new_empty(3, *depth.shape)
+    for axis, plane in enumerate(points):
+        right, below, ahead, origin = camera_to_world[:, axis, :, None, None].unbind(1)
+        torch.addcmul(origin, depth, right * across + (below * down + ahead), out=plane)
+    return points.movedim(0, -1)
 
 
 def heightmap(color: Tensor, depth: Tensor, intrinsics: Tensor, camera_to_world: Tensor, grid: PixelGrid) -> Tensor:
@@ -92,24 +97,31 @@ def heightmap(color: Tensor, depth: Tensor, intrinsics: Tensor, camera_to_world:
             "heightmap needs color [N,h,w,3], depth [N,h,w], intrinsics [N,3,3], camera_to_world [N,4,4], not "
             f"{[tuple(t.shape) for t in (color, depth, intrinsics, camera_to_world)]}"
         )
-    depth = depth.float()
-    points = unproject(depth, intrinsics.to(depth), camera_to_world.to(depth)).reshape(-1, 3)
-    low, high = torch.tensor(grid.bounds, dtype=depth.dtype, device=depth.device).T
-    inside = ((points >= low) & (points < high)).all(-1).nonzero().squeeze(-1)
-    points = points[inside]
-
     rows, columns = grid.shape
-    row, column = grid.to_pixel(points).unbind(-1)
-    cell = row.clamp_(max=rows - 1) * columns + column.clamp_(max=columns - 1)
-    z = points[:, 2] - low[2]
+    (x0, _), (y0, _), (z0, z1) = grid.bounds
+    # From world metres to columns, rows and metres above the floor, in the cameras' own matrices.
+    to_grid = torch.diag(torch.tensor([1 / grid.pixel_size, 1 / grid.pixel_size, 1, 1], dtype=torch.float64))
+    to_grid[:3, 3] = -to_grid.diagonal()[:3] * torch.tensor([x0, y0, z0], dtype=torch.float64)
+    camera_to_grid = (to_grid.to(depth.device) @ camera_to_world.double()).float()
 
-    height = torch.zeros(rows * columns, dtype=depth.dtype, device=depth.device).scatter_reduce_(0, cell, z, "amax", include_self=False)
-    # The smallest id among the points that reach the maximum: one winner per cell, whatever the order of the scatter.
-    winners = (z == height[cell]).nonzero().squeeze(-1)
-    none = len(points)
-    winner = torch.full((rows * columns,), none, device=depth.device).scatter_reduce_(0, cell[winners], winners, "amin")
-    seen = winner < none
-    fused = torch.zeros(4, rows * columns, dtype=torch.float32, device=depth.device)
-    fused[:3, seen] = color.reshape(-1, 3)[inside[winner[seen]]].T.float()
-    fused[3] = height
-    return fused.view(4, rows, columns)
+    # With a border of one cell, where what lies beside the map ends up. Height and point make one number, so that one pass finds the
+    # highest point and, among equals, the first: the bits of floats order them as their values do, and negative ones never win.
+    best = torch.full(((rows + 2) * (columns + 2),), -1, device=depth.device)
+    size, last = depth[0].numel(), depth.numel() - 1
+    cell, ranked = torch.empty(2, size, dtype=torch.int64, device=depth.device)
+    # Camera after camera, in the same memory: one image's points fit the processor's cache.
+    for i in range(len(depth)):
+        one = slice(i, i + 1)
+        x, y, z = unproject(depth[one].float(), intrinsics[one].float(), camera_to_grid[one]).reshape(-1, 3).unbind(-1)
+        x.floor_().clamp_(-1, columns).add_(y.floor_().clamp_(-1, rows), alpha=columns + 2).add_(columns + 3)
+        cell.copy_(x.nan_to_num_())
+        # Above the ceiling, or no number: as if below the floor.
+        z = F.threshold_(z.neg_(), z0 - z1, 1.0).neg_().nan_to_num_(nan=-1.0)
+        torch.arange(last - i * size, last - (i + 1) * size, -1, out=ranked).add_(z.view(torch.int32), alpha=2**32)
+        best.scatter_reduce_(0, cell, ranked, "amax")
+    best = best.view(rows + 2, columns + 2)[1:-1, 1:-1].reshape(-1)
+    point = (last - (best & (2**32 - 1))).clamp_(0)
+    fused = torch.empty(4, rows * columns, dtype=torch.float32, device=depth.device)
+    fused[:3] = color.reshape(-1, 3)[point].T
+    fused[3] = (best >> 32).int().view(torch.float32)
+    return fused.masked_fill_(best < 0, 0).view(4, rows, columns)
