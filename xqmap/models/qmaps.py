@@ -14,6 +14,10 @@ from xqmap import keys
 from xqmap.models.unet import LocalGeometry, UNet
 
 
+# Of the widest layers, in cells: about what a processor's cache holds.
+_CELLS_IN_CACHE = 2**16
+
+
 def values_at(maps: Tensor, action: Tensor) -> Tensor:
     """Maps ``[*, K, A]`` and actions ``[*]`` → the values there, ``[*, K]``."""
     return maps.gather(-1, action[..., None, None].expand(*maps.shape[:-1], 1)).squeeze(-1)
@@ -71,11 +75,17 @@ class QMaps(TensorDictModuleBase):
     def maps(self, heightmap: Tensor) -> Tensor:
         """``[B, 4, H, W]`` → the Q-Maps ``[B, K, H, W]``; sizes that the poolings do not divide are padded with empty cells."""
         rows, columns = heightmap.shape[-2:]
+        heightmap = F.pad(heightmap, (0, -columns % self.stride, 0, -rows % self.stride))
+        # Without gradients nothing has to be kept, so a processor goes map after map: the layers of one stay in its cache.
+        alone = heightmap.device.type == "cpu" and not torch.is_grad_enabled()
+        parts = heightmap.split(max(1, _CELLS_IN_CACHE // heightmap[0, 0].numel())) if alone else (heightmap,)
+        return torch.cat([self._maps(part) for part in parts])[..., :rows, :columns]
+
+    def _maps(self, heightmap: Tensor) -> Tensor:
         # Centimetres between metres: the stem never runs in reduced precision.
         with torch.no_grad(), torch.autocast(heightmap.device.type, enabled=False):
-            padded = F.pad(heightmap, (0, -columns % self.stride, 0, -rows % self.stride))
-            image = self.stem(padded).contiguous(memory_format=torch.channels_last)
-        return torch.cat([unet(image) for unet in self.unets], dim=1)[..., :rows, :columns]
+            image = self.stem(heightmap).contiguous(memory_format=torch.channels_last)
+        return torch.cat([unet(image) for unet in self.unets], dim=1)
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Writes the maps, their sum, and the values at ``action`` where there is one."""

@@ -61,7 +61,7 @@ class LocalGeometry(nn.Module):
             slope = torch.rad2deg(torch.atan(steepness.sqrt())) / self.slope_scale
             # In double precision: the variance is a small difference of large squares.
             exact = padded.double()
-            variance = (F.avg_pool2d(exact.square(), edge, 1) - F.avg_pool2d(exact, edge, 1).square()).to(rise.dtype)
+            variance = (_box(exact.square(), edge) - _box(exact, edge).square()).to(rise.dtype)
             unexplained = (variance - steepness * (edge**2 - 1) / 12).clamp_min(0)
             # Residuals, in cells, are small numbers: ten times them is of the order of the other channels.
             channels += [slope.clamp_max(4.0), (10 * unexplained.sqrt()).clamp_max(4.0)]
@@ -69,7 +69,18 @@ class LocalGeometry(nn.Module):
 
 
 def _mean(image: Tensor, edge: int) -> Tensor:
-    return F.avg_pool2d(F.pad(image, (edge // 2,) * 4, mode="replicate"), edge, stride=1)
+    return _box(F.pad(image, (edge // 2,) * 4, mode="replicate"), edge)
+
+
+def _box(image: Tensor, edge: int) -> Tensor:
+    """Means over ``edge`` × ``edge`` cells, along rows and then along columns."""
+    for axis in (-2, -1):
+        count = image.shape[axis] - edge + 1
+        total = image.narrow(axis, 0, count).clone()
+        for start in range(1, edge):
+            total += image.narrow(axis, start, count)
+        image = total
+    return image / edge**2
 
 
 class UNet(nn.Module):
@@ -102,19 +113,38 @@ class UNet(nn.Module):
         """``[B, in_channels, H, W]`` → ``[B, 1, H, W]``."""
         skips = []
         for level, block in enumerate(self.encoder):
-            image = block(image if level == 0 else F.max_pool2d(image, 2))
+            image = block(image if level == 0 else _pool(image))
             skips.append(image)
         skips.pop()
         for block in self.decoder:
             skip = skips.pop()
-            image = block(torch.cat((F.interpolate(image, size=skip.shape[-2:], mode="nearest"), skip), dim=1))
+            image = block[1:](_upconv(block[0], image, skip))
         # The last step in full precision: a value near 1 in bfloat16 is only good to half a percent.
         with torch.autocast(image.device.type, enabled=False):
             return self.head(image.float())
 
 
+def _pool(image: Tensor) -> Tensor:
+    """The highest of 2 × 2 cells; faster than ``max_pool2d``, which also notes where they were."""
+    rows = torch.maximum(image[..., ::2, :], image[..., 1::2, :])
+    return torch.maximum(rows[..., ::2], rows[..., 1::2])
+
+
+def _upconv(conv: nn.Conv2d, below: Tensor, skip: Tensor) -> Tensor:
+    """``conv`` over ``below``, each cell of it made 2 × 2, beside ``skip``; neither the larger map nor the two together are ever built.
+
+    A 3 × 3 kernel that slides over doubled cells meets each with its taps 2, 1 + 2, 0 + 1, 0 in turn: a transposed convolution.
+    """
+    kernel, rest = conv.weight.split((below.shape[1], skip.shape[1]), dim=1)
+    for axis in (2, 3):
+        first, middle, last = kernel.unbind(axis)
+        kernel = torch.stack((last, middle + last, first + middle, first), dim=axis)
+    doubled = F.conv_transpose2d(below, kernel.transpose(0, 1), stride=2, padding=1)
+    return doubled + F.conv2d(skip, rest, conv.bias, padding=1)
+
+
 def _block(in_channels: int, out_channels: int) -> nn.Sequential:
     layers: list[nn.Module] = []
     for i in range(CONVS_PER_LEVEL):
-        layers += [nn.Conv2d(in_channels if i == 0 else out_channels, out_channels, 3, padding=1), nn.ReLU()]
+        layers += [nn.Conv2d(in_channels if i == 0 else out_channels, out_channels, 3, padding=1), nn.ReLU(inplace=True)]
     return nn.Sequential(*layers)
