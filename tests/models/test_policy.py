@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import pytest
 import torch
 from tensordict import TensorDict
+from torch.nn import functional as F
 
 from xqmap.models.policy import EpsilonGreedy, GreedyPolicy, masked_argmax, random_action
 from xqmap.models.qmaps import QMaps
@@ -73,3 +75,48 @@ def test_stem_measures_slope_and_ignores_turns() -> None:
     assert float(features[0, [6, 8], 20, 20].max()) < 0.05
     turned = stem(image.transpose(-1, -2))
     assert torch.allclose(turned, features.transpose(-1, -2), atol=1e-2)
+
+
+def test_doubled_cells_are_never_built_and_give_the_same_maps_and_gradients() -> None:
+    torch.manual_seed(0)
+    net, image = UNet(9, 8, 2), torch.rand(2, 9, 24, 20)
+
+    def plain() -> torch.Tensor:
+        skips, x = [], image
+        for level, block in enumerate(net.encoder):
+            x = block(x if level == 0 else F.max_pool2d(x, 2))
+            skips.append(x)
+        x = skips.pop()
+        for block in net.decoder:
+            x = block(torch.cat((F.interpolate(x, scale_factor=2, mode="nearest"), skips.pop()), 1))
+        return net.head(x)
+
+    (expected, expected_gradients), (maps, gradients) = (
+        (out, torch.autograd.grad(out.square().sum(), list(net.parameters()))) for out in (plain(), net(image))
+    )
+    assert torch.allclose(expected, maps, atol=1e-6)
+    assert all(torch.allclose(a, b, rtol=1e-4, atol=1e-5) for a, b in zip(expected_gradients, gradients, strict=True))
+
+
+def test_maps_drawn_one_after_the_other_are_those_drawn_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    network, image = qmaps(), torch.rand(5, 4, 18, 22)
+    together = network.maps(image)
+    monkeypatch.setattr("xqmap.models.qmaps._CELLS_IN_CACHE", 1)
+    with torch.no_grad():
+        assert torch.allclose(network.maps(image), together, atol=1e-6)
+
+
+@pytest.mark.skipif(not torch.cpu._is_avx512_bf16_supported(), reason="this processor has no bfloat16 to measure")
+def test_reduced_precision_seldom_changes_the_choice_and_never_by_much() -> None:
+    """Of untrained maps, whose cells are much more alike than a trained agent's."""
+    torch.manual_seed(0)
+    network, image = qmaps(), torch.rand(32, 4, 32, 32)
+    with torch.no_grad():
+        exact = network(TensorDict({"heightmap": image}, [32]))["action_value"]
+    with torch.no_grad(), torch.autocast("cpu", torch.bfloat16):
+        rough = network(TensorDict({"heightmap": image}, [32]))["action_value"]
+    lost = exact.max(-1).values - exact.gather(-1, rough.argmax(-1, keepdim=True))[:, 0]
+    spread = exact.std(-1)
+    assert not torch.equal(rough, exact)
+    assert float((lost > 0).float().mean()) <= 0.5
+    assert float((lost / spread).max()) < 0.2

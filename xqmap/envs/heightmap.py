@@ -116,7 +116,7 @@ def heightmap(color: Tensor, depth: Tensor, intrinsics: Tensor, camera_to_world:
         x.floor_().clamp_(-1, columns).add_(y.floor_().clamp_(-1, rows), alpha=columns + 2).add_(columns + 3)
         cell.copy_(x.nan_to_num_())
         # Above the ceiling, or no number: as if below the floor.
-        z = F.threshold_(z.neg_(), z0 - z1, 1.0).neg_().nan_to_num_(nan=-1.0)
+        z = F.threshold(z.neg_(), z0 - z1, 1.0, inplace=True).neg_().nan_to_num_(nan=-1.0)
         torch.arange(last - i * size, last - (i + 1) * size, -1, out=ranked).add_(z.view(torch.int32), alpha=2**32)
         best.scatter_reduce_(0, cell, ranked, "amax")
     best = best.view(rows + 2, columns + 2)[1:-1, 1:-1].reshape(-1)

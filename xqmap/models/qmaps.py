@@ -13,7 +13,6 @@ from torch.nn import functional as F
 from xqmap import keys
 from xqmap.models.unet import LocalGeometry, UNet
 
-
 # Of the widest layers, in cells: about what a processor's cache holds.
 _CELLS_IN_CACHE = 2**16
 

@@ -118,7 +118,9 @@ class UNet(nn.Module):
         skips.pop()
         for block in self.decoder:
             skip = skips.pop()
-            image = block[1:](_upconv(block[0], image, skip))
+            first, *others = block.children()
+            assert isinstance(first, nn.Conv2d)
+            image = nn.Sequential(*others)(_upconv(first, image, skip))
         # The last step in full precision: a value near 1 in bfloat16 is only good to half a percent.
         with torch.autocast(image.device.type, enabled=False):
             return self.head(image.float())
