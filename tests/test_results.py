@@ -97,12 +97,13 @@ def test_a_copied_run_counts_once_and_what_is_broken_is_told(tmp_path: Path) -> 
     folder = write_run(tmp_path, "a", 9)
     (tmp_path / "copy").mkdir()
     (tmp_path / "copy" / "evaluation.json").write_text((folder / "evaluation.json").read_text())
-    for name, text in {"half": '{"task": "lan', "foreign": '{"accuracy": 1}', "none": json.dumps([1])}.items():
+    odd = json.dumps(json.loads((folder / "evaluation.json").read_text()) | {"confusion": [1]})
+    for name, text in {"half": '{"task": "lan', "foreign": '{"accuracy": 1}', "none": json.dumps([1]), "odd": odd}.items():
         (tmp_path / name).mkdir()
         (tmp_path / name / "evaluation.json").write_text(text)
     found, unread = results.collect(tmp_path)
     assert len(found) == 1
-    assert {path.parent.name for path in unread} == {"half", "foreign", "none"}
+    assert {path.parent.name for path in unread} == {"half", "foreign", "none", "odd"}
     with pytest.raises(UserError, match="no directory"):
         results.collect(tmp_path / "nowhere")
 

@@ -295,11 +295,22 @@ def _wrong(content: Any) -> str:
     if not isinstance(content, dict) or any(not isinstance(content.get(name), kind) for name, kind in needed.items()):
         return f"no evaluation of xqmap: {', '.join(needed)} are needed"
     for run in content["runs"]:
-        numbers = [run.get(name) for name in ("choices", "correct", "regret")] if isinstance(run, dict) else [None]
-        if any(isinstance(n, bool) or not isinstance(n, int | float) for n in numbers) or not 0 <= run["correct"] <= run["choices"]:
+        counts = {name: run.get(name) for name in ("choices", "correct", "regret")} if isinstance(run, dict) else None
+        if not _numbers(counts, 1) or not _numbers(run.get("components", {}), 1) or not 0 <= run["correct"] <= run["choices"]:
             return "a run in it lacks choices, correct or regret"
+    if not any(run["choices"] for run in content["runs"]):
+        return "no choice was made in it"
     baselines = content.get("baselines") or {}
     for row in baselines.values() if isinstance(baselines, dict) else [baselines]:
-        if not isinstance(row, dict) or not {"mean", "std", "choices", "ci95"} <= set(row):
+        rate = {name: row.get(name) for name in ("mean", "std", "choices")} if isinstance(row, dict) else None
+        limits = row.get("ci95") if isinstance(row, dict) else None
+        if not _numbers(rate, 1) or not isinstance(limits, list) or len(limits) != 2 or not _numbers(dict(enumerate(limits)), 1):
             return "a baseline in it lacks mean, std, choices or ci95"
-    return "" if any(run["choices"] for run in content["runs"]) else "no choice was made in it"
+    return "" if _numbers(content.get("confusion") or {}, 2) else "its confusion holds no counts"
+
+
+def _numbers(tree: Any, depth: int) -> bool:
+    """Whether this is a dictionary of numbers, so many levels deep."""
+    if depth == 0:
+        return isinstance(tree, int | float) and not isinstance(tree, bool)
+    return isinstance(tree, dict) and all(_numbers(inner, depth - 1) for inner in tree.values())

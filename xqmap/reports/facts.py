@@ -6,6 +6,7 @@ import shlex
 from collections.abc import Sequence
 from html import escape
 from pathlib import Path
+from typing import Any
 
 from xqmap import results
 from xqmap.reports import markup
@@ -54,8 +55,10 @@ def machines(every: Sequence[Run]) -> str:
     parts += [markup.table(("command", "trainings"), lines, "What was called")] if lines else []
     versions: dict[tuple[str, str], int] = {}
     for run in every:
-        known = dict(run.result.content.get("versions") or {}) if run.result else {}
-        commit = (run.environment.get("git") or {}).get("commit")
+        known = run.result.content.get("versions") if run.result else None
+        known = known if isinstance(known, dict) else {}
+        git = run.environment.get("git")
+        commit = git.get("commit") if isinstance(git, dict) else None
         for name, value in (known | ({"git commit": str(commit)[:10]} if commit else {})).items():
             versions[name, str(value)] = versions.get((name, str(value)), 0) + 1
     lines = [[name, value, str(count)] for (name, value), count in sorted(versions.items())]
@@ -69,6 +72,24 @@ def machines(every: Sequence[Run]) -> str:
 def _command(run: Run) -> str:
     given = run.environment.get("args") or []
     return shlex.join(["python", *str(run.environment["program"]).split(), *map(str, given if isinstance(given, list) else [])])
+
+
+def calibration(every: Sequence[Run]) -> str:
+    """The Q-Maps against exact values and against the returns that followed, where an evaluation compared them."""
+    lines = []
+    for run in every:
+        compared = run.result.content.get("calibration") if run.result else None
+        for against, title in {"exact": "exact value", "returns": "return that followed"}.items():
+            known = compared.get(against) if isinstance(compared, dict) else None
+            for name, row in known.items() if isinstance(known, dict) else []:
+                lines.append([run.name, name, title, *(_figure(row, key) for key in ("bias", "mae", "rank_correlation", "sign_accuracy"))])
+    head = ("run", "Q-Map", "against", "bias", "absolute error", "rank correlation", "signs of differences right")
+    return f"<h3>Values that can be checked</h3>{markup.table(head, lines, 'The Q-Maps against what is known.', 3)}" if lines else ""
+
+
+def _figure(row: Any, name: str) -> str:
+    value = row.get(name) if isinstance(row, dict) else None
+    return f"{value:.3f}" if isinstance(value, int | float) else ""
 
 
 def left_out(paths: dict[Path, str]) -> str:

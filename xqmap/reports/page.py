@@ -126,7 +126,7 @@ def _task(report: Report, task: str) -> str:
     parts += stories.film_strip(groups)
     parts += stories.decision(runs)
     parts += [facts.confusion(row) for row in report.rows if row.task == task and row.confusion]
-    parts.append(facts.settings(runs))
+    parts += [facts.calibration(runs), facts.settings(runs)]
     return "".join(parts)
 
 
