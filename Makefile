@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: setup train test lint browser paper
+.PHONY: setup train test lint browser paper pretrained
 
 # Quick the second time: the stamp is newer than what it was made from. A lost Vulkan driver is found either way.
 setup: $(VENV)/installed
@@ -17,6 +17,17 @@ $(VENV)/installed: pyproject.toml constraints.txt
 
 train: setup
 	$(BIN)/python -m xqmap.train +task=landing
+
+# The paper's table: both tasks, three methods. What is finished under multirun/paper is not run again.
+paper: setup
+	$(BIN)/python -m xqmap.train -m +sweep=paper
+
+# Trains the agents that run=pretrained/TASK names, with the defaults, and puts what is needed of them into the package.
+pretrained: setup
+	$(BIN)/python -m xqmap.train -m +sweep=pretrained
+	for run in multirun/pretrained/*/; do \
+		place=xqmap/pretrained/$$(basename $$run); mkdir -p $$place/checkpoint; \
+		cp $$run/checkpoint/policy.safetensors $$place/checkpoint/; cp $$run/evaluation.json $$place/; done
 
 lint: setup
 	$(BIN)/ruff check .

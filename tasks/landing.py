@@ -79,7 +79,7 @@ class LandingEnv(DecisionEnv):
         blocks: fewest and most blocks of a field (40 × 40 m).
         incline_deg: least and greatest angle of an inclined top.
         inclined_share: share of blocks whose top is inclined.
-        light: how far light and shade vary, 0 (not at all) to 1.
+        light: how far light and shade vary, 0 (not at all) to 2.
         landings_per_episode: decisions before the field changes.
         control_steps: the most a landing may take.
         kwargs: of :class:`DecisionEnv`.
@@ -116,7 +116,7 @@ class LandingEnv(DecisionEnv):
             ("pixel_size", pixel_size, 0.05, 2 * HALF_SIZE / CELLS),
             ("image_size", image_size, 2 * CELLS, 4096),
             ("inclined_share", inclined_share, 0.0, 1.0),
-            ("light", light, 0.0, 1.0),
+            ("light", light, 0.0, 2.0),
             ("landings_per_episode", landings_per_episode, 1, np.inf),
             ("control_steps", control_steps, 1, np.inf),
             ("blocks", blocks[0], 0, blocks[1]),
@@ -300,6 +300,16 @@ class LandingEnv(DecisionEnv):
     def oracle_point(self) -> np.ndarray:
         """``[3]``, m: of the cells of the highest reward the one with the most room around it."""
         return self._best()[1]
+
+    def exact_values(self, gamma: float) -> np.ndarray | None:
+        """``[objects, 2]``: Q*_k of landing on each of :meth:`scene_objects`, its sub-rewards when nothing that counts comes after.
+
+        None where another landing of this episode counts: its place is drawn at random.
+        """
+        if gamma > 0 and self._landings + 1 < self.landings_per_episode:
+            return None
+        seen = in_view(self.blocks, self.workspace_bounds, self._pixel_size)
+        return np.array([list(self._properties(block).values()) for block in seen]).reshape(-1, len(self.REWARD_COMPONENTS))
 
     def scene_objects(self) -> list[SceneObject]:
         """The blocks at least partly in view."""

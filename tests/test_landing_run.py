@@ -81,6 +81,41 @@ def test_evaluate_repeats_the_table(run: Path) -> None:
     assert again["baselines"] == {}
 
 
+def test_a_sheet_plays_other_scenes_into_a_file_of_its_own(run: Path) -> None:
+    before = (run / "evaluation.json").read_bytes()
+    small = ["evaluation.seeds=[0,1]", "evaluation.baselines=false", "evaluation.calibration=true"]
+    done = call("evaluate", "run=run", "sheets=slopes", *small, cwd=run.parent)
+    assert done.returncode == 0, done.stderr
+    sheet = json.loads((run / "evaluation-slopes.json").read_text())
+    assert (sheet["sheet"], sheet["settings"]["env"]["incline_deg"]) == ("slopes", [2.0, 8.0])
+    assert set(sheet["calibration"]["exact"]) == {"flatness", "color"}
+    assert "flatness, exact value" in done.stdout
+    assert (run / "evaluation.json").read_bytes() == before
+    for wrong, named in [
+        (["sheets=steep"], "conf/sheet/landing"),
+        (["+task.env.wind=3", "out=x.json"], "no setting 'wind'"),
+        (["+task.env._target_=os.system", "out=x.json"], "no setting '_target_'"),
+        (["+task.env.light=0"], "out=FILE"),
+    ]:
+        refused = call("evaluate", "run=run", *wrong, cwd=run.parent)
+        assert refused.returncode != 0
+        assert named in refused.stderr
+    assert not (run.parent / "x.json").exists()
+
+
+def test_exact_values_of_landing_are_what_landing_pays() -> None:
+    env = build.make_env(settings(), 5)()
+    try:
+        env.reset()
+        things, exact = env.task.scene_objects(), env.task.exact_values(0.9)
+        assert exact.shape == (len(things), 2)
+        for thing, (flat, color) in zip(things, exact, strict=True):
+            assert flat == (thing.attributes["kind"] == "flat block")
+            assert color == (thing.attributes["color"] != "gray")
+    finally:
+        env.close()
+
+
 def test_explain_writes_every_view(run: Path) -> None:
     done = call("explain", "run=run", "scene_seed=3", "out=why", cwd=run.parent)
     assert done.returncode == 0, done.stderr

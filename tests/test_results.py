@@ -72,12 +72,6 @@ def test_swept_settings_split_rows_and_are_named(tmp_path: Path) -> None:
     assert [row.label for row in results.table(found)] == ["xqmap, qnet.width=8", "xqmap, qnet.width=16", "random pixel"]
 
 
-def test_a_setting_that_one_run_does_not_know_splits_nothing(tmp_path: Path) -> None:
-    write_run(tmp_path, "old", 9, seed=0, gamma=1, width="${a.b}")
-    write_run(tmp_path, "new", 9, seed=1, gamma=1.0, width=16, added=3)
-    assert results.table(results.collect(tmp_path)[0])[0].training_seeds == [1, 0]
-
-
 def test_tasks_methods_and_sheets_stay_apart(tmp_path: Path) -> None:
     write_run(tmp_path, "a", 9)
     write_run(tmp_path, "b", 8, method="qlearning")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
@@ -44,7 +45,9 @@ def test_every_method_trains_evaluates_and_leaves_what_it_should(
     train(cfg, run_directory)
     result = commands.evaluate_run(run_directory, cfg.evaluation, run_directory / "evaluation.json")
     assert json.loads((run_directory / "evaluation.json").read_text()) == result
-    assert {"task", "method", "training_seed", "runs", "success", "baselines", "weights_sha256", "versions"} == set(result)
+    made = {"runs", "success", "confusion", "baselines"}
+    assert {"task", "method", "training_seed", "settings", "weights_sha256", "versions"} | made == set(result)
+    assert sum(count for bests in result["confusion"].values() for count in bests.values()) == result["success"]["choices"]
     assert set(result["runs"][0]) == {"seed", "choices", "correct", "regret", "components"}
     assert result["baselines"]["oracle"]["mean"] == 1.0
     with open(run_directory / "metrics.csv", newline="") as file:
@@ -61,6 +64,39 @@ def test_an_agent_of_the_toy_world_finds_the_best_patch(toy_config: Callable[...
     env = build.make_env(cfg, 0)()
     played = evaluation.play(evaluation.greedy(run.policy), env, seed=0, choices=20, until=None)
     assert played["correct"] >= 18
+
+
+def test_confusion_counts_the_object_chosen_against_the_best(toy_config: Callable[..., DictConfig]) -> None:
+    env = build.make_env(toy_config(), 0)()
+
+    def always_green_then_table(state, env, generator):  # type: ignore[no-untyped-def]
+        return 16 * 3 + 11 if env.task.made == 0 else 0
+
+    seen: Counter[tuple[str, str]] = Counter()
+    evaluation.play(always_green_then_table, env, seed=0, choices=2, until=None, confusion=seen)
+    assert seen == {("green patch", "red patch"): 1, ("table", "red patch"): 1}
+    seen.clear()
+    evaluation.play(evaluation.oracle, env, seed=0, choices=2, until=None, confusion=seen)
+    assert seen == {("red patch", "red patch"): 1, ("green patch", "green patch"): 1}
+
+
+def test_a_preference_changes_what_is_learned_and_what_counts_as_best(toy_config: Callable[..., DictConfig], run_directory: Path) -> None:
+    budget = ["trainer.frames=240", "trainer.updates_per_frame=1", "trainer.batch_size=16", "exploration.annealing_frames=160"]
+    cfg = toy_config(*budget, "loss.gamma=0")
+    # Green is worth 0.2 + 4 · 0.6, blue 4 · 0.4, red only 1; without the preference red is best.
+    cfg.task.weights.right = 4.0
+    train(cfg, run_directory)
+    run = checkpoint.load_run(run_directory)
+    env = build.make_env(cfg, 0)()
+    seen: Counter[tuple[str, str]] = Counter()
+    played = evaluation.play(evaluation.greedy(run.policy), env, seed=0, choices=20, until=None, confusion=seen)
+    assert played["correct"] >= 18
+    assert seen["green patch", "green patch"] >= 9
+    assert seen["red patch", "red patch"] == 0
+    # What is learned are the properties themselves, not yet weighed.
+    env.next_scene = 0
+    out = run.policy(env.reset().select("heightmap", "action_mask"))
+    assert float(out["chosen_component_value"][0]) < 1.5
 
 
 def test_a_run_that_was_interrupted_ends_like_one_that_was_not(toy_config: Callable[..., DictConfig], tmp_path: Path) -> None:
@@ -151,3 +187,20 @@ def test_nan_in_the_loss_stops_with_one_line(toy_config: Callable[..., DictConfi
         trainer.loss.value_network_params.apply(lambda p: p.data.fill_(float("nan")))
     with pytest.raises(UserError, match=r"trainer\.learning_rate"):
         trainer.run()
+
+
+def test_an_agent_that_ships_is_found_by_name_and_nothing_is_written_beside_it(
+    toy_config: Callable[..., DictConfig], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(checkpoint, "PRETRAINED", tmp_path / "package" / "pretrained")
+    train(toy_config(), tmp_path / "run")
+    place = checkpoint.PRETRAINED / "toy" / checkpoint.POLICY
+    place.parent.mkdir(parents=True)
+    place.write_bytes((tmp_path / "run" / checkpoint.POLICY).read_bytes())
+    monkeypatch.chdir(tmp_path)
+    run = checkpoint.load_run("pretrained/toy")
+    assert run.sha256 == checkpoint.load_run(tmp_path / "run").sha256
+    assert run.directory == checkpoint.home("pretrained/toy") == Path()
+    assert checkpoint.home("run") == Path("run")
+    with pytest.raises(UserError, match="toy do, make pretrained"):
+        checkpoint.load_run("pretrained/flying")

@@ -82,6 +82,10 @@ class ToyTask:
             for i in sorted(self.present)
         ]
 
+    def exact_values(self, gamma: float) -> np.ndarray:
+        exact = exact_values(tuple(sorted(self.present)), self.made, gamma, tuple(self.weights))
+        return np.array([exact[i] for i in sorted(self.present)]).reshape(-1, len(self.REWARD_COMPONENTS))
+
     def oracle_point(self) -> np.ndarray:
         best = max(self.present, key=lambda i: float(self.weights @ PATCHES[i][2]))
         row, column = PATCHES[best][3]

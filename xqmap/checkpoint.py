@@ -32,8 +32,25 @@ from xqmap.models.policy import GreedyPolicy
 POLICY = Path("checkpoint/policy.safetensors")
 BEST = Path("checkpoint/best.safetensors")
 TRAINING = "checkpoint/training-{:06d}.safetensors"
+# Run directories that ship with the package: ``run=pretrained/<task>``.
+PRETRAINED = Path(__file__).parent / "pretrained"
 _FORMAT = 2
 _LIBRARIES = ("torch", "torchrl", "tensordict", "mani-skill", "sapien", "hydra-core", "wandb", "numpy")
+
+
+def locate(run: str | Path) -> Path:
+    """The directory of a run; ``pretrained/<task>`` is one that ships with the package, unless there is such a directory here.
+
+    Raises:
+        UserError: if no agent of that name ships.
+    """
+    path = Path(run)
+    if path.exists() or len(path.parts) != 2 or path.parts[0] != PRETRAINED.name:
+        return path
+    shipped = sorted(entry.parent.parent.name for entry in PRETRAINED.glob(f"*/{POLICY}"))
+    if path.name not in shipped:
+        raise UserError(f"run={path}: no such agent ships with xqmap; {', '.join(shipped) or 'none'} do, make pretrained trains them")
+    return PRETRAINED / path.name
 
 
 def versions() -> dict[str, str]:
@@ -150,8 +167,13 @@ def prune(directory: Path, frames: int, keep: int) -> None:
         path.unlink()
 
 
-def home(place: Path) -> Path:
-    """Where what is made from a run belongs: its directory, or for a single policy file the folder beside it of the same name."""
+def home(place: str | Path) -> Path:
+    """Where what is made from a run belongs: its directory, the folder of the same name beside a single policy file, or, of an agent that
+    ships with the package, the current directory.
+    """
+    place = locate(place)
+    if place.resolve().is_relative_to(PRETRAINED):
+        return Path()
     return place.with_suffix("") if place.suffix == ".safetensors" else place
 
 
@@ -174,7 +196,7 @@ def load_run(place: str | Path) -> Run:
     """
     from xqmap import build  # build imports ManiSkill, which reading settings does not need
 
-    place = Path(place)
+    place = locate(place)
     file = place if place.suffix == ".safetensors" else place / POLICY
     tensors, facts = read(file)
     cfg = settings(facts, file)

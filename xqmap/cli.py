@@ -15,6 +15,7 @@ from typing import Any
 import hydra
 from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException
+from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
@@ -27,25 +28,29 @@ os.environ.setdefault("HYDRA_FULL_ERROR", "1")
 CONF = str(Path(conf.__path__[0]).resolve())
 
 
-def main(config_name: str) -> Callable[[Callable[[DictConfig], None]], Callable[[], None]]:
+def main(config_name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[], None]]:
     """Turns ``command(cfg)`` into a program configured by ``conf/<config_name>.yaml`` and ``key=value`` arguments.
 
-    Exit status: 0 when it did what was asked, 1 on a mistake the person can mend (told in one line), 130 on Ctrl-C, 143 on SIGTERM.
+    Exit status: 0 when it did what was asked, 1 on a mistake the person can mend (told in one line), 130 on Ctrl-C, 143 on SIGTERM. Of a
+    sweep's jobs (``-m``) one that fails does not keep the others from running; Ctrl-C ends the sweep.
     """
 
-    def wrap(command: Callable[[DictConfig], None]) -> Callable[[], None]:
+    def wrap(command: Callable[[DictConfig], Any]) -> Callable[[], None]:
         def program() -> None:
             schema.register()
             logging.getLogger("torchrl").setLevel(logging.WARNING)
-            failed: list[BaseException] = []
+            failed: list[Exception] = []
 
-            def guarded(cfg: DictConfig) -> None:
-                # Caught here, before Hydra adds lines of its own.
+            def guarded(cfg: DictConfig) -> Any:
+                schema.register()  # a parallel launcher's process has not
                 try:
-                    command(cfg)
-                except (Exception, KeyboardInterrupt, SystemExit) as error:
-                    failed.append(error)
+                    return command(cfg)
+                except BaseException as error:
                     _forget_empty_run()
+                    # One job's failure is Hydra's to keep until the others have run; of a single run it would add lines of its own.
+                    if not isinstance(error, Exception) or HydraConfig.get().mode == RunMode.MULTIRUN:
+                        raise
+                    failed.append(error)
 
             signal.signal(signal.SIGTERM, _terminate)
             try:

@@ -7,21 +7,22 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 from torchrl.envs.utils import step_mdp
 
 from xqmap import build, checkpoint, doctor, evaluation, keys
 from xqmap.checkpoint import Run, load_run
-from xqmap.explanations import Decision
+from xqmap.explanations import Decision, calibration
 
 
-def evaluate_run(run: Path | Run, settings: DictConfig, out: Path) -> dict[str, Any]:
+def evaluate_run(run: Path | Run, settings: DictConfig, out: Path, sheet: str | None = None) -> dict[str, Any]:
     """Plays a saved policy, prints the table, writes ``evaluation.json``.
 
     Args:
         run: the run, or its directory.
-        settings: ``seeds``, ``choices``, ``until``, ``baselines``.
+        settings: ``seeds``, ``choices``, ``until``, ``baselines``, ``calibration``.
         out: the file to write.
+        sheet: the name of what ``run.cfg`` and ``settings`` were changed by; None for a run as it was trained.
 
     Returns:
         What was written.
@@ -31,20 +32,40 @@ def evaluate_run(run: Path | Run, settings: DictConfig, out: Path) -> dict[str, 
     try:
         until = dict(settings.until) if settings.until else None
         played = evaluation.evaluate(run.policy, env, list(settings.seeds), settings.choices, until, settings.baselines)
+        if settings.calibration:
+            weights = [run.cfg.task.weights.get(name, 1.0) for name in env.components]
+            played["calibration"] = calibration.calibrate(
+                run.policy, env, list(settings.seeds), run.cfg.loss.gamma, weights, run.cfg.method.reward_key
+            )
     finally:
         env.close()
     result = {
         "task": run.cfg.task.name,
         "method": run.cfg.method.name,
         "training_seed": run.cfg.seed,
+        **({"sheet": sheet} if sheet else {}),
         **played,
+        "settings": settings_of(run.cfg, settings),
         "weights_sha256": run.sha256,
         "versions": checkpoint.versions(),
     }
     checkpoint.write_atomically(out, (json.dumps(result, indent=1) + "\n").encode())
     print(evaluation.table(result))
+    if settings.calibration:
+        print(calibration.table(played["calibration"]))
     print(f"wrote {out}")
     return result
+
+
+def settings_of(cfg: DictConfig, settings: DictConfig) -> dict[str, Any]:
+    """What an evaluation depends on besides the weights: the world's settings and its own, plain values."""
+    parts = {"weights": cfg.task.weights, "env": cfg.task.env, "evaluation": settings}
+    return {name: OmegaConf.to_container(part, resolve=True) for name, part in parts.items()}
+
+
+def evaluation_file(directory: Path, sheet: str | None = None) -> Path:
+    """Where the evaluation of a run is written: ``evaluation.json``, of a sheet ``evaluation-<sheet>.json``."""
+    return directory / (f"evaluation-{sheet}.json" if sheet else "evaluation.json")
 
 
 def decide(run: Run, scene_seed: int, steps: int | None, perception: DictConfig) -> list[Decision]:
@@ -89,4 +110,4 @@ def default_folder(cfg: DictConfig, name: str) -> Path:
     """Where a command writes that was not told: in the run's figures, or beside the decision file."""
     if cfg.decision is not None:
         return Path(cfg.decision).parent / name
-    return checkpoint.home(Path(cfg.run)) / "figures" / f"scene{cfg.scene_seed}"
+    return checkpoint.home(cfg.run) / "figures" / f"scene{cfg.scene_seed}"

@@ -6,17 +6,25 @@ from pathlib import Path
 
 from omegaconf import DictConfig, OmegaConf
 
-from xqmap import checkpoint, cli, commands, doctor, schema
+from xqmap import checkpoint, cli, commands, doctor, sheets
+from xqmap.errors import UserError
 
 
 def evaluate(cfg: DictConfig) -> None:
-    """Evaluates ``cfg.run`` as it was trained, with what ``cfg.evaluation`` changes."""
+    """Evaluates ``cfg.run`` as it was trained or on ``cfg.sheets``, with what ``cfg.task.env`` and ``cfg.evaluation`` change."""
     run = checkpoint.load_run(cli.required(cfg, "run", "run=DIR, a directory that python -m xqmap.train left"))
-    changed = {name: value for name, value in cfg.evaluation.items() if value is not None}
-    run.cfg = schema.typed(OmegaConf.merge(run.cfg, {"evaluation": changed}))
-    schema.validate(run.cfg)
+    told = {"task": cfg.task, "evaluation": {key: value for key, value in cfg.evaluation.items() if value is not None}}
+    wanted = [cfg.sheets] if isinstance(cfg.sheets, str) else list(cfg.sheets)
+    played: list[str | None] = [*sheets.chosen(run.cfg.task.name, wanted)] or [None]
+    if cfg.out and len(played) > 1:
+        raise UserError(f"out={cfg.out} is one file for {len(played)} sheets: leave out away, or name one sheet")
+    if cfg.task.env and not cfg.out:
+        raise UserError("task.env is changed: give out=FILE, so that no file of this run tells of another world")
+    runs = [sheets.applied(run, OmegaConf.merge(sheets.load(run.cfg.task.name, sheet) if sheet else {}, told)) for sheet in played]
     doctor.require_rendering()
-    commands.evaluate_run(run, run.cfg.evaluation, Path(cfg.out) if cfg.out else run.directory / "evaluation.json")
+    for changed, sheet in zip(runs, played, strict=True):
+        out = Path(cfg.out) if cfg.out else commands.evaluation_file(run.directory, sheet)
+        commands.evaluate_run(changed, changed.cfg.evaluation, out, sheet)
 
 
 main = cli.main("evaluate")(evaluate)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
 import torch
+from matplotlib.path import Path as Outline
 from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torchrl.envs.utils import step_mdp
@@ -75,7 +77,21 @@ BASELINES: dict[str, Chooser] = {
 }
 
 
-def play(choose: Chooser, env: ManiSkillEnv, seed: int, choices: int, until: dict[str, float] | None) -> dict[str, Any]:
+def object_at(point: Any, things: Iterable[Any], background: str) -> str:
+    """The name of the highest of the world's objects (``SceneObject``) at a point ``[≥2]`` (m), or of the background."""
+    x, y = float(point[0]), float(point[1])
+    here = [thing for thing in things if Outline(np.asarray(thing.footprint)).contains_point((x, y))]
+    return max(here, key=lambda thing: thing.top).name if here else background
+
+
+def play(
+    choose: Chooser,
+    env: ManiSkillEnv,
+    seed: int,
+    choices: int,
+    until: dict[str, float] | None,
+    confusion: Counter[tuple[str, str]] | None = None,
+) -> dict[str, Any]:
     """One evaluation run: scene after scene until the choices are made or a sub-reward has summed up.
 
     Args:
@@ -84,6 +100,8 @@ def play(choose: Chooser, env: ManiSkillEnv, seed: int, choices: int, until: dic
         seed: of the run; scene i has the seed ``seed + 10000 · i``.
         choices: the most choices.
         until: sums of sub-rewards, by component, any of which ends the run; None for no such end.
+        confusion: counts, where given, the (object chosen, object best) of each choice. A choice of the highest reward is its own best;
+            otherwise the best is what the world's oracle would have taken.
 
     Returns:
         ``{"seed", "choices", "correct", "regret", "components": {name: mean}}``: a choice is correct when its reward is the highest
@@ -98,10 +116,13 @@ def play(choose: Chooser, env: ManiSkillEnv, seed: int, choices: int, until: dic
         state, done = env.reset(), False
         while not done and made < choices:
             state[keys.ACTION] = torch.tensor(choose(state, env, generator))
+            names = _chosen_and_best(env, state[keys.ACTION]) if confusion is not None else None
             state = env.step(state)
             result = state["next"]
             gap = float(result[keys.REWARD_AVAILABLE] - result[keys.REWARD])
             correct, regret, made = correct + (gap < SAME_REWARD), regret + gap, made + 1
+            if confusion is not None and names is not None:
+                confusion[names[0], names[0] if gap < SAME_REWARD else names[1]] += 1
             sums += result[keys.REWARD_COMPONENTS]
             if any(float(sums[env.components.index(name)]) >= total - SAME_REWARD for name, total in until.items()):
                 choices = made
@@ -110,26 +131,35 @@ def play(choose: Chooser, env: ManiSkillEnv, seed: int, choices: int, until: dic
     return {"seed": seed, "choices": made, "correct": correct, "regret": regret / max(1, made), "components": components}
 
 
+def _chosen_and_best(env: ManiSkillEnv, action: torch.Tensor) -> tuple[str, str]:
+    things, background = env.task.scene_objects(), env.task.BACKGROUND
+    chosen, best = (object_at(point, things, background) for point in (env.point(action), env.task.oracle_point()))
+    return chosen, best
+
+
 def evaluate(
     policy: TensorDictModuleBase, env: ManiSkillEnv, seeds: list[int], choices: int, until: dict[str, float] | None, baselines: bool
 ) -> dict[str, Any]:
     """The policy and, where asked for, the baselines on the same scenes.
 
     Returns:
-        The part of ``evaluation.json`` that playing decides: ``runs``, ``success``, ``baselines``.
+        The part of ``evaluation.json`` that playing decides: ``runs``, ``success``, ``confusion`` (of the policy:
+        ``{chosen: {best: count}}``), ``baselines``.
     """
     choosers = {"policy": greedy(policy)} | (BASELINES if baselines else {})
     table: dict[str, list[dict[str, Any]]] = {}
+    pairs: Counter[tuple[str, str]] = Counter()
     with tqdm(total=len(choosers) * len(seeds), unit="run", desc="evaluating", mininterval=1.0) as bar:
         for name, choose in choosers.items():
             table[name] = []
             bar.set_postfix_str(name)
             for seed in seeds:
-                table[name].append(play(choose, env, seed, choices, until))
+                table[name].append(play(choose, env, seed, choices, until, pairs if name == "policy" else None))
                 bar.update()
     return {
         "runs": table["policy"],
         "success": success(table["policy"]),
+        "confusion": {chosen: {b: n for (c, b), n in sorted(pairs.items()) if c == chosen} for chosen in sorted({c for c, _ in pairs})},
         "baselines": {name: success(runs) | {"regret": _mean_regret(runs)} for name, runs in table.items() if name != "policy"},
     }
 

@@ -147,25 +147,17 @@ def settings_of(run: Path) -> dict[str, Any]:
 
 
 def flat(tree: Any, prefix: str = "") -> dict[str, Any]:
-    """A nested dictionary by dotted names; lists are values, and a whole number is one however it was written."""
+    """A nested dictionary by dotted names; lists are values."""
     if not isinstance(tree, dict) or (not tree and prefix):
-        return {prefix: _plain(tree)}
+        return {prefix: tree}
     return {name: value for key, inner in tree.items() for name, value in flat(inner, f"{prefix}.{key}" if prefix else str(key)).items()}
 
 
-def _plain(value: Any) -> Any:
-    if isinstance(value, list):
-        return [_plain(entry) for entry in value]
-    return int(value) if isinstance(value, float) and value.is_integer() else value
-
-
 def differing(settings: Iterable[dict[str, Any]]) -> list[str]:
-    """The names with more than one value, in the order they first appear; what is missing or points elsewhere is no value."""
-    found: dict[str, set[str]] = {}
-    for entry in settings:
-        for name, value in entry.items():
-            found.setdefault(name, set()).update([] if "${" in str(value) else [repr(value)])
-    return [name for name, values in found.items() if len(values) > 1]
+    """The names whose values are not the same in all of these settings, in the order they first appear."""
+    every = [entry for entry in settings if entry]
+    names = dict.fromkeys(name for entry in every for name in entry)
+    return [name for name in names if len({repr(entry.get(name)) for entry in every}) > 1]
 
 
 def swept(trainings: Sequence[Trained]) -> dict[str, list[str]]:
@@ -278,7 +270,7 @@ def _rank(value: Any) -> tuple[bool, float, str]:
 
 
 def _at(result: Result, names: Iterable[str]) -> dict[str, Any]:
-    return {name: result.settings[name] for name in names if name in result.settings}
+    return {name: result.settings.get(name) for name in names}
 
 
 def grouped(things: Iterable[T], key: Callable[[T], Any]) -> dict[Any, list[T]]:

@@ -101,6 +101,7 @@ class Evaluation:
     choices: int = _bounded(1)
     until: dict[str, float] | None = MISSING
     baselines: bool = MISSING
+    calibration: bool = MISSING
 
 
 @dataclass
@@ -126,6 +127,7 @@ class Schema:
     seed: int = _bounded(0, 3000)
     device: str = _one_of("auto", "cpu", "cuda")
     threads: int | None = MISSING
+    sheets: list[str] = MISSING
     resume: str | None = MISSING
 
 

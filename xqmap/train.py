@@ -1,7 +1,8 @@
-"""``python -m xqmap.train +task=landing``: trains, evaluates, leaves a run directory."""
+"""``python -m xqmap.train +task=landing``: trains, evaluates, leaves a run directory. With ``-m`` many, see ``conf/sweep``."""
 
 from __future__ import annotations
 
+import dataclasses
 import sys
 import time
 from pathlib import Path
@@ -9,16 +10,23 @@ from typing import Any
 
 import torch
 from hydra.core.hydra_config import HydraConfig
+from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from torch import Tensor
 
-from xqmap import checkpoint, cli, commands, doctor, schema
+from xqmap import checkpoint, cli, commands, doctor, schema, sheets, sweeping
 from xqmap.errors import Stopped, UserError
 
+Saved = tuple[dict[str, Tensor], dict[str, Any]]
 
-def train(cfg: DictConfig) -> None:
-    """Trains as ``cfg`` says (or goes on with ``cfg.resume``), evaluates the policy and writes ``evaluation.json``."""
-    saved = None
+
+def train(cfg: DictConfig) -> float:
+    """Trains as ``cfg`` says (or goes on with ``cfg.resume``), evaluates the policy and writes ``evaluation.json``.
+
+    Returns:
+        The share of best choices, for a sweeper that searches.
+    """
+    saved, sweep = None, False
     if cfg.resume is not None:
         place = Path(cfg.resume)
         directory = place.parent.parent if place.suffix == ".safetensors" else place
@@ -26,20 +34,39 @@ def train(cfg: DictConfig) -> None:
         cfg = checkpoint.settings(saved[1], place)
         print(f"going on with {directory} from decision {saved[1].get('frames')}")
     else:
-        directory = Path(HydraConfig.get().runtime.output_dir)
-        if (directory / checkpoint.POLICY).exists() or checkpoint.trainings(directory):
+        directory, sweep = Path(HydraConfig.get().runtime.output_dir), HydraConfig.get().mode == RunMode.MULTIRUN
+        if not sweep and ((directory / checkpoint.POLICY).exists() or checkpoint.trainings(directory)):
             raise UserError(f"{directory} already holds a run: choose another hydra.run.dir or go on with resume={directory}")
     schema.validate(cfg)
+    sheets.chosen(cfg.task.name, cfg.sheets)
     doctor.require_rendering()
     if cfg.threads:
         torch.set_num_threads(cfg.threads)
-    if saved is None:
-        _write_settings(cfg, directory)
-    _train(cfg, directory, saved)
-    commands.evaluate_run(directory, cfg.evaluation, directory / "evaluation.json")
+    with sweeping.alone(directory):
+        if sweep:
+            print(f"job {HydraConfig.get().job.num}: {directory}")
+            saved = sweeping.saved(directory, cfg)
+        if not sweep or saved is None or saved[1]["frames"] < cfg.trainer.frames:
+            _train(cfg, directory, saved)
+        return _evaluate(cfg, directory, again=not sweep)
 
 
-def _train(cfg: DictConfig, directory: Path, saved: tuple[dict[str, Tensor], dict[str, Any]] | None) -> None:
+def _evaluate(cfg: DictConfig, directory: Path, again: bool) -> float:
+    """Plays the policy of a run as it was trained and on ``cfg.sheets``; unless ``again``, only what was not played yet."""
+    trained, means = dataclasses.replace(checkpoint.load_run(directory), cfg=cfg), []
+    for sheet in [None, *sheets.chosen(cfg.task.name, cfg.sheets)]:
+        run = sheets.applied(trained, sheets.load(cfg.task.name, sheet) if sheet else {})
+        path = commands.evaluation_file(directory, sheet)
+        played = None if again else sweeping.evaluated(path, run)
+        if played:
+            print(f"{path} is complete: not played again")
+        else:
+            played = commands.evaluate_run(run, run.cfg.evaluation, path, sheet)
+        means.append(float(played["success"]["mean"]))
+    return means[0]
+
+
+def _train(cfg: DictConfig, directory: Path, saved: Saved | None) -> None:
     """Trains to the end, or to a signal or failure, and then says how to go on.
 
     Raises:
@@ -50,6 +77,8 @@ def _train(cfg: DictConfig, directory: Path, saved: tuple[dict[str, Tensor], dic
 
     start = time.perf_counter()
     trainer = Trainer(cfg, directory, saved)
+    if saved is None:
+        _write_settings(cfg, directory)
 
     def further() -> str:
         if not trainer.saved_frames:
@@ -73,7 +102,7 @@ def _train(cfg: DictConfig, directory: Path, saved: tuple[dict[str, Tensor], dic
 
 
 def _write_settings(cfg: DictConfig, directory: Path) -> None:
-    """Leaves what Hydra would have left in ``.hydra``: written here, once it is sure that the directory is this run's own."""
+    """Leaves what Hydra would have left in ``.hydra``: written once the directory is sure to be this run's own and its world stands."""
     hydra = HydraConfig.get()
     for name, content in {"config": cfg, "hydra": OmegaConf.create({"hydra": hydra}), "overrides": hydra.overrides.task}.items():
         checkpoint.write_atomically(directory / ".hydra" / f"{name}.yaml", OmegaConf.to_yaml(content).encode())

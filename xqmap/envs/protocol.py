@@ -84,3 +84,19 @@ class Task(Protocol):
     def close(self) -> None:
         """Frees the simulator."""
         ...
+
+
+@runtime_checkable
+class Solvable(Protocol):
+    """What a world offers that can be solved exactly: for checking explanations, never for the policy. Optional."""
+
+    def exact_values(self, gamma: float) -> np.ndarray | None:
+        """``[objects, K]`` float: unweighted Q*_k of taking each of ``scene_objects()`` now and then doing what is best for Σ_k w_k r_k.
+
+        Args:
+            gamma: discount per decision.
+
+        Returns:
+            None where, as it is set up, this world's future is not known exactly.
+        """
+        ...

@@ -61,22 +61,20 @@ def curve(runs: Sequence[Run], metric: str, against: str) -> Curve | None:
         return None
     # Where the first finished training ends the curve does: a mean over fewer would jump. A broken one counts as far as it came.
     end = min(ends) if ends else max(x[-1] for x, _ in parts)
-    grid = np.linspace(min(x[0] for x, _ in parts), end, POINTS)
-    values = np.array([np.interp(grid, x, y, left=np.nan, right=np.nan) for x, y in parts])
+    grid = np.linspace(min(max(x[0] for x, _ in parts), end), end, POINTS)
+    values = np.array([np.interp(grid, x, y, right=np.nan) for x, y in parts])
     known = np.isfinite(values).any(0)
     values = values[:, known]
     return Curve(grid[known], np.nanmean(values, 0), np.nanmin(values, 0), np.nanmax(values, 0))
 
 
 def _thinned(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """At most POINTS places, each the mean of the rows about it; the curve keeps its ends."""
+    """At most POINTS places, each the mean of the rows about it."""
     if len(x) <= POINTS:
         return x, y
     groups = np.linspace(0, len(x), POINTS + 1).astype(int)[:-1]
     counts = np.diff([*groups, len(x)])
-    places = np.add.reduceat(x, groups) / counts
-    places[0], places[-1] = x[0], x[-1]
-    return places, np.add.reduceat(y, groups) / counts
+    return np.add.reduceat(x, groups) / counts, np.add.reduceat(y, groups) / counts
 
 
 def columns(runs: Sequence[Run], metric: str) -> list[str]:

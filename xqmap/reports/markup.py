@@ -33,12 +33,10 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], caption: str, text
         kind = "" if i >= text_columns else ' class="text"'
         return f"<td{kind}{key}>{escape(value)}</td>"
 
-    def column(title: str, i: int) -> str:
-        # A setting's long name may break at its dots.
-        text = escape(title).replace(".", ".<wbr>")
-        return f'<th scope="col"{"" if i >= text_columns else " class=text"}><button type="button">{text}</button></th>'
-
-    titles = "".join(column(title, i) for i, title in enumerate(head))
+    titles = "".join(
+        f'<th scope="col"{"" if i >= text_columns else " class=text"}><button type="button">{escape(title)}</button></th>'
+        for i, title in enumerate(head)
+    )
     body = "".join(f"<tr>{''.join(cell(value, i) for i, value in enumerate(row))}</tr>" for row in rows)
     return (
         f'<div class="wide"><table class="sortable"><caption>{escape(caption)}</caption>'

@@ -38,7 +38,7 @@ class Report:
         names = results.swept([run for run in self.runs if run.task == task]).get(task, [])
         found = results.grouped(
             (run for run in self.runs if run.task == task),
-            lambda run: results.label(run.method, {name: run.settings[name] for name in names if name in run.settings}),
+            lambda run: results.label(run.method, {name: run.settings.get(name) for name in names}),
         )
         order = [row.label for row in self.rows if row.task == task]
         return {label: found[label] for label in sorted(found, key=lambda label: order.index(label) if label in order else len(order))}

@@ -30,7 +30,7 @@ def film_strip(groups: dict[str, list[Run]]) -> list[str]:
         chosen = sorted({steps[round(i * (len(steps) - 1) / max(1, FRAMES - 1))] for i in range(FRAMES)})
         frames = [
             markup.picture(
-                run.pictures[step], f"{step:,} decisions", WIDTH, f"The scene and the Q-Maps of {run.method} after {step:,} decisions"
+                run.pictures[step], f"After {step:,} decisions: the scene, the Q-Maps of {run.method} over it, and their sum", WIDTH
             )
             for step in chosen
         ]

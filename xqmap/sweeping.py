@@ -1,0 +1,86 @@
+"""Many trainings from one command: what of it is already done, and the table at its end."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from hydra.experimental.callback import Callback
+from omegaconf import DictConfig, OmegaConf
+from torch import Tensor
+
+from xqmap import checkpoint, commands, results
+from xqmap.errors import UserError
+from xqmap.reports import tables
+
+# Settings that no trained weight depends on.
+_BESIDE = ("evaluation", "sheets", "device", "threads", "resume", "logger")
+
+
+class Table(Callback):
+    """After a sweep (Hydra's ``-m``) one table over its runs: printed, and beside them as ``table.txt``, ``table.md`` and ``table.csv``."""
+
+    def on_multirun_end(self, config: DictConfig, **kwargs: Any) -> None:
+        """Reads every evaluation in the sweep's directory."""
+        directory = Path(config.hydra.sweep.dir)
+        found, unread = results.collect(directory)
+        rows = results.table(found, results.paper_figures())
+        written = {"table.txt": tables.text(rows) + "\n", "table.md": tables.markdown(rows), "table.csv": tables.comma_separated(rows)}
+        for name, content in written.items():
+            checkpoint.write_atomically(directory / name, content.encode())
+        print(tables.text(rows))
+        for path, why in unread.items():
+            print(f"not in the table: {path} ({why})")
+        print(f"wrote {', '.join(written)} to {directory}")
+
+
+@contextmanager
+def alone(directory: Path) -> Iterator[None]:
+    """Holds a run directory, so that no second process writes to it.
+
+    Raises:
+        UserError: if another process holds it.
+    """
+    held = os.open(directory, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise UserError(f"{directory} is being written by another process: wait for it, or choose another directory") from None
+        except OSError:
+            pass  # a file system without locks
+        yield
+    finally:
+        os.close(held)
+
+
+def saved(directory: Path, cfg: DictConfig) -> tuple[dict[str, Tensor], dict[str, Any]] | None:
+    """What this training goes on from in ``directory``; None where it has not got to its first checkpoint.
+
+    Raises:
+        UserError: if what is there was trained with other settings.
+    """
+    if not checkpoint.trainings(directory):
+        return None
+    found = checkpoint.read_training(directory)
+    before, now = (results.flat(OmegaConf.to_container(c, resolve=True)) for c in (checkpoint.settings(found[1], directory), cfg))
+    names = [name for name in results.differing([before, now]) if name.split(".")[0] not in _BESIDE]
+    if names:
+        was, told = (results.shown(settings.get(names[0])) for settings in (before, now))
+        raise UserError(f"{directory} holds a run with {names[0]}={was}, not {told}: choose another hydra.sweep.dir, or take it away")
+    return found
+
+
+def evaluated(path: Path, run: checkpoint.Run) -> dict[str, Any] | None:
+    """The evaluation in ``path``, if it is complete and of these weights under these settings."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        same = content["weights_sha256"] == run.sha256 and content["settings"] == commands.settings_of(run.cfg, run.cfg.evaluation)
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+    return content if same else None
