@@ -83,7 +83,8 @@ class ManiSkillEnv(EnvBase):
     def _grid(self) -> PixelGrid:
         return PixelGrid(np.asarray(self.task.workspace_bounds).tolist(), self.task.pixel_size)
 
-    def _observe(self, observation: dict[str, Any]) -> dict[str, Tensor]:
+    def _observe(self, observation: dict[str, Any], over: bool = False) -> dict[str, Tensor]:
+        # When the episode is over, nobody chooses: an aircraft that tipped over may well look into the sky.
         start = time.perf_counter()
         self.grid = self._grid()
         images, parameters = observation["sensor_data"], observation["sensor_param"]
@@ -102,7 +103,7 @@ class ManiSkillEnv(EnvBase):
         cells = np.stack(np.meshgrid(*map(np.arange, self.grid.shape), indexing="ij"), axis=-1).reshape(-1, 2)
         points = self.grid.to_point(torch.from_numpy(cells), fused[3].reshape(-1)).numpy()
         seen = (fused != 0).any(0).reshape(-1)
-        if not bool(seen.any()):
+        if not bool(seen.any()) and not over:
             raise WorldError("the heightmap is empty: no camera sees anything of the workspace")
         mask = seen & torch.as_tensor(np.asarray(self.task.reachable(points)), dtype=torch.bool)
         self._fuse_seconds += time.perf_counter() - start
@@ -133,7 +134,7 @@ class ManiSkillEnv(EnvBase):
             raise WorldError("a reward is NaN or infinite: the world is broken")
         return TensorDict(
             {
-                **self._observe(observation),
+                **self._observe(observation, over=any(flags.values())),
                 keys.REWARD: torch.as_tensor(reward, dtype=torch.float32).reshape(1),
                 keys.REWARD_COMPONENTS: torch.as_tensor(info["reward_components"], dtype=torch.float32).reshape(-1),
                 keys.REWARD_AVAILABLE: torch.as_tensor(info["reward_available"], dtype=torch.float32).reshape(1),
