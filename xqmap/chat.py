@@ -8,21 +8,22 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
+from tqdm import tqdm
 
 from xqmap import build, checkpoint, cli, commands
 from xqmap.errors import UserError
 from xqmap.explain import decisions_of
-from xqmap.explanations.dialogue import Dialogue, Exchange, scene_line
+from xqmap.explanations.dialogue import Dialogue, Exchange, scene_line, system_prompt
 from xqmap.explanations.page import page
 from xqmap.explanations.sentences import wording_for
 
 
 def chat(cfg: DictConfig) -> None:
     """Holds the conversation and saves it; with ``question=`` one answer, with ``questions=`` a score."""
-    decision = decisions_of(cfg)[0]
+    decision = decisions_of(cfg)[-1]
     dialogue = Dialogue(decision, wording_for(decision.task), build.language_model(cfg.llm))
     if cfg.show_prompt:
-        print(dialogue.words["prompt"].strip(), scene_line(decision), sep="\n\n", end="\n\n")
+        print(system_prompt(decision, dialogue.words), scene_line(decision), sep="\n\n", end="\n\n")
     if cfg.questions is not None:
         score(dialogue, Path(cfg.questions))
     elif cfg.question is not None:
@@ -31,6 +32,9 @@ def chat(cfg: DictConfig) -> None:
         _converse(dialogue)
     if dialogue.exchanges:
         folder = Path(cfg.out) if cfg.out else commands.default_folder(cfg, "explanation")
+        # Beside what python -m xqmap.explain wrote about this decision of an episode.
+        step = folder / f"step{decision.step + 1:02d}"
+        folder = step if decision.step or step.exists() else folder
         checkpoint.write_atomically(folder / "dialogue.json", dialogue.to_json().encode())
         checkpoint.write_atomically(folder / "dialogue.md", dialogue.to_markdown().encode())
         html = page([decision], [(e.question, e.answer) for e in dialogue.exchanges])
@@ -46,13 +50,16 @@ def _converse(dialogue: Dialogue) -> None:
     while True:
         try:
             question = input("> ").strip()
-        except EOFError:
+        except (EOFError, KeyboardInterrupt):
             print()
             return
-        if question.lower() in ("exit", "quit", "bye"):
+        if question.lower().rstrip(".!") in ("exit", "quit", "bye"):
             return
         if question:
-            _say(dialogue, question)
+            try:
+                _say(dialogue, question)
+            except KeyboardInterrupt:
+                print("\n(stopped)")
 
 
 def _say(dialogue: Dialogue, question: str) -> Exchange:
@@ -80,15 +87,19 @@ def score(dialogue: Dialogue, path: Path) -> None:
         questions: Any = OmegaConf.to_container(OmegaConf.load(path))
     except (OSError, OmegaConfBaseException, ValueError) as error:
         raise UserError(f"questions={path} cannot be read ({str(error).splitlines()[0][:80]})") from None
-    if not isinstance(questions, list) or not all(isinstance(entry, dict) and "ask" in entry for entry in questions):
+    if not isinstance(questions, list) or not questions or not all(isinstance(entry, dict) and "ask" in entry for entry in questions):
         raise UserError(f"questions={path} must be a list of entries with ask, and kind or says")
-    grounded = expected = 0
-    for entry in questions:
-        exchange = dialogue.ask(str(entry["ask"]))
-        grounded += not exchange.ungrounded
-        expected += as_expected(exchange, entry)
+    exchanges = [dialogue.ask(str(entry["ask"])) for entry in tqdm(questions, unit="question", desc="asking")]
+    expected = [as_expected(exchange, entry) for exchange, entry in zip(exchanges, questions, strict=True)]
+    for exchange, fits in zip(exchanges, expected, strict=True):
+        if exchange.ungrounded or not fits:
+            why = f"not in the decision: {', '.join(exchange.ungrounded)}" if exchange.ungrounded else "not what was expected"
+            print(f"{exchange.question}\n  {exchange.answer}\n  ({why})")
+    if failures := [exchange.failure for exchange in exchanges if exchange.failure]:
+        print(f"{len(failures)} answers are the templates', not the model's ({failures[0]})")
+    grounded = sum(not exchange.ungrounded for exchange in exchanges)
     count = len(questions)
-    print(f"{count} questions: {grounded / count:.1%} of the answers grounded, {expected / count:.1%} as expected")
+    print(f"{count} questions: {grounded / count:.1%} of the answers grounded, {sum(expected) / count:.1%} as expected")
 
 
 def as_expected(exchange: Exchange, entry: dict[str, Any]) -> bool:

@@ -68,7 +68,7 @@ def evaluation_file(directory: Path, sheet: str | None = None) -> Path:
     return directory / (f"evaluation-{sheet}.json" if sheet else "evaluation.json")
 
 
-def decide(run: Run, scene_seed: int, steps: int | None, perception: DictConfig) -> list[Decision]:
+def decide(run: Run, scene_seed: int, steps: int | None, perception: DictConfig, level: str = "pixel") -> list[Decision]:
     """The policy's successive decisions in one scene.
 
     Args:
@@ -76,6 +76,7 @@ def decide(run: Run, scene_seed: int, steps: int | None, perception: DictConfig)
         scene_seed: of the scene.
         steps: how many decisions at most; None for the whole episode.
         perception: settings of what names the objects (``conf/explain/perception``).
+        level: what A, B, … are the best of: every ``"pixel"`` or every ``"object"``.
     """
     doctor.require_rendering()
     see = build.perception(perception)
@@ -91,6 +92,7 @@ def decide(run: Run, scene_seed: int, steps: int | None, perception: DictConfig)
                 scene,
                 task=run.cfg.task.name,
                 components=run.cfg.method.components,
+                level=level,
                 scene_seed=scene_seed,
                 step=len(decisions),
                 noise=run.noise,

@@ -2,34 +2,33 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 from omegaconf import DictConfig
+from tqdm import tqdm
 
 from xqmap import checkpoint, cli, commands
 from xqmap.errors import UserError
 from xqmap.explanations import Decision, plots
-from xqmap.explanations.dialogue import excerpt
-from xqmap.explanations.page import over_time, page
+from xqmap.explanations.dialogue import excerpt, saved_conversation
+from xqmap.explanations.page import page
 
 
 def explain(cfg: DictConfig) -> None:
-    """Builds or reads the decision, then writes every view of it to ``cfg.out``."""
+    """Builds or reads the decision, then writes every view of it to ``cfg.out``; of several, each into a folder of its own."""
     decisions = decisions_of(cfg)
     out = Path(cfg.out) if cfg.out else commands.default_folder(cfg, "explanation")
-    # Everything is made before anything is written.
-    html = page(decisions, excerpt(decisions[0]))
-    out.mkdir(parents=True, exist_ok=True)
+    folders = [out / f"step{decision.step + 1:02d}" for decision in decisions] if len(decisions) > 1 else [out]
     written = []
-    for i, decision in enumerate(decisions):
-        folder = out if len(decisions) == 1 else out / f"step{i + 1:02d}"
+    for decision, folder in zip(tqdm(decisions, unit="decision", desc="drawing", disable=len(decisions) == 1), folders, strict=True):
         written += write(decision, folder)
     if len(decisions) > 1:
-        written += plots.save(over_time(decisions), out / "episode")
-    checkpoint.write_atomically(out / "explanation.html", html.encode())
-    print("\n".join(text(decision) for decision in decisions))
-    print(f"wrote {len(written) + 1} files to {out}: {', '.join(sorted({p.name for p in written} | {'explanation.html'}))}")
+        written += plots.save(plots.over_time(decisions), out / "episode")
+        checkpoint.write_atomically(out / "explanation.html", page(decisions).encode())
+        written.append(out / "explanation.html")
+    for decision in decisions:
+        print(f"\nDecision {decision.step + 1}: {decision.selected.object}" if len(decisions) > 1 else "", text(decision), sep="\n")
+    print(f"\nwrote {len(written)} files to {out}: {', '.join(sorted({path.name for path in written}))}")
 
 
 def decisions_of(cfg: DictConfig) -> list[Decision]:
@@ -44,24 +43,32 @@ def decisions_of(cfg: DictConfig) -> list[Decision]:
         raise UserError(f"steps={cfg.steps} is neither a number of decisions from 1 on nor 'all'")
     if not isinstance(cfg.scene_seed, int) or not 0 <= cfg.scene_seed < 2**32:
         raise UserError(f"scene_seed={cfg.scene_seed} must be a whole number of at least 0 and below 2**32")
+    if cfg.candidates not in ("pixel", "object"):
+        raise UserError(f"candidates={cfg.candidates} is neither pixel nor object")
     run = checkpoint.load_run(cfg.run)
-    return commands.decide(run, cfg.scene_seed, None if cfg.steps == "all" else cfg.steps, cfg.perception)
+    return commands.decide(run, cfg.scene_seed, None if cfg.steps == "all" else cfg.steps, cfg.perception, cfg.candidates)
 
 
 def write(decision: Decision, folder: Path) -> list[Path]:
     """Writes one decision's files into ``folder``; returns them."""
+    # What might fail is made before anything is written.
+    html = page([decision], conversation(decision, folder))
     folder.mkdir(parents=True, exist_ok=True)
-    content = json.dumps(decision.to_dict(), indent=1, allow_nan=False) + "\n"
-    checkpoint.write_atomically(folder / "decision.json", content.encode())
+    written = [*decision.save(folder / "decision.json"), folder / "explanation.txt", folder / "explanation.html"]
     checkpoint.write_atomically(folder / "explanation.txt", (text(decision) + "\n").encode())
-    written = [folder / "decision.json", folder / "explanation.txt"]
+    checkpoint.write_atomically(folder / "explanation.html", html.encode())
     if decision.maps is None:
-        print("qmaps and overview are not drawn: a decision that was read from a file has no maps")
+        print("qmaps are not drawn: there are no maps (decision.npz) beside the decision file")
     else:
         written += plots.save(plots.qmaps(decision), folder / "qmaps")
-        written += plots.save(plots.overview(decision, excerpt(decision)), folder / "overview")
+    written += plots.save(plots.overview(decision, excerpt(decision)), folder / "overview")
     written += plots.save(plots.values(decision), folder / "values")
     return written + plots.save(plots.rdx(decision), folder / "rdx")
+
+
+def conversation(decision: Decision, folder: Path) -> list[tuple[str, str]]:
+    """What was asked about this decision (``dialogue.json``, left there by ``python -m xqmap.chat``), or an excerpt."""
+    return saved_conversation(folder / "dialogue.json", decision) or excerpt(decision)
 
 
 def text(decision: Decision) -> str:

@@ -117,6 +117,7 @@ def test_every_number_in_a_sentence_is_one_of_the_decisions(decision: Decision) 
         for found in re.findall(r"[+-]?\d+\.\d+", sentence):
             assert found in known, (found, sentence)
         assert "{" not in sentence
+        assert sentence[0].isupper() and sentence.endswith("."), sentence
 
 
 @given(decisions())
@@ -131,25 +132,91 @@ def test_what_is_saved_is_read_back(decision: Decision) -> None:
 def test_sentences_read_like_sentences() -> None:
     said = made(Selected=(0.9, 1.0), A=(1.0, 0.0), B=(0.1, 1.05)).sentences()
     assert said["shallow"] == (
-        "I chose to land on the blue flat block: its overall value, 1.90, is the highest. What contributes most is color (1.00)."
+        "I chose to land on the blue flat block: its overall value, 1.90, is the highest. Color contributes most (1.00)."
     )
     assert said["contrastive"][0] == (
         "I chose to land on the blue flat block rather than the gray flat block (A), because color speaks for it (+1.00), though "
-        "flatness speaks against it (-0.10). If color counted 0.10 times as much, I would find the gray flat block just as good."
+        "flatness speaks against it (-0.10). If color counted 0.10 times as much, the gray flat block would be just as good."
     )
     both = made(Selected=(0.9, 1.0), A=(0.5, 0.5), B=(0.9, 1.0)).sentences()["contrastive"]
     assert "because color and flatness speak for it (+0.50 and +0.40)" in both[0]
-    assert "by chance" in both[1]
+    assert both[1].startswith("The blue flat block and the red inclined block (B) have the same overall value")
 
 
 def test_honest_sentences() -> None:
     decision = made(Selected=(0.9, 1.0), A=(0.85, 1.0), B=(0.0, 0.0))
     decision.noise = {"flatness": 0.1, "color": 0.1}
-    assert "toss-up" in decision.sentences()["contrastive"][0]
+    said = decision.sentences()
+    assert "toss-up" in said["contrastive"][0]
+    assert "closely followed by flatness (0.90)" in said["shallow"]
     decision.candidates[1].object_index = 0
-    assert "same object" in decision.sentences()["contrastive"][0]
-    decision.candidates[1].pixel = (0, 0)
-    assert "very spot" in decision.sentences()["contrastive"][0]
+    assert decision.sentences()["contrastive"][0] == (
+        "The best spot for flatness (A) lies on the same object, the blue flat block: flatness agrees with my choice."
+    )
+    decision.candidates[2].object_index, decision.candidates[1].object = 0, "blue flat block"
+    assert decision.sentences()["contrastive"][0].startswith("The best spots for flatness (A) and color (B) lie on the same object")
+    for candidate in decision.candidates:
+        candidate.pixel = (0, 0)
+    assert "are the very spot I chose to land on" in decision.sentences()["contrastive"][0]
+
+
+def test_the_best_other_object_is_spoken_of_where_all_agree_and_where_it_is_close() -> None:
+    decision = made(Selected=(1.0, 1.0), A=(0.5, 0.0))
+    decision.objects = [Candidate("green flat block", "green flat block", {"flatness": 0.98, "color": 1.0}, (5, 5), None, 7)]
+    assert len(decision.sentences()["contrastive"]) == 1
+    decision.noise = {"flatness": 0.1}
+    assert "the green flat block differ by 0.02" in decision.sentences()["contrastive"][1]
+    decision.candidates[1].object_index = 0
+    decision.noise = {}
+    assert "rather than the green flat block, because flatness speaks for it (+0.02)" in decision.sentences()["contrastive"][1]
+
+
+def test_things_of_the_same_name_are_told_apart() -> None:
+    decision = made(Selected=(1.0, 1.0), A=(0.5, 0.0), B=(0.0, 0.5))
+    decision.candidates[1].object = "blue flat block"
+    assert "rather than another blue flat block (A), because" in decision.sentences()["contrastive"][0]
+    for candidate in decision.candidates:
+        candidate.object, candidate.object_index = "ground", None
+    assert "the ground rather than another spot of the ground (A)" in decision.sentences()["contrastive"][0]
+
+
+def test_a_file_whose_selected_candidate_is_not_the_best_is_not_praised() -> None:
+    said = made(Selected=(0.5, 0.0), A=(1.0, 0.0), B=(0.0, 1.2)).sentences()
+    assert said["shallow"] == (
+        "I chose to land on the blue flat block, although its overall value, 0.50, is not the highest: the gray flat block (A) and "
+        "the red inclined block (B) would be better."
+    )
+    assert said["contrastive"][1] == (
+        "By these values the red inclined block (B) would be better than the blue flat block by 0.70: color speaks against my choice "
+        "(-1.20), though flatness speaks for it (+0.50)."
+    )
+
+
+def test_one_map_for_the_whole_reward_claims_no_property() -> None:
+    things = [
+        Candidate("Selected", "blue flat block", {"reward": 1.9}, (0, 0), None, 0),
+        Candidate("A", "blue flat block", {"reward": 1.9}, (0, 0), None, 0),
+    ]
+    decision = Decision("landing", ("reward",), things)
+    decision.objects = [things[0], Candidate("ground", "ground", {"reward": 1.0}, (3, 3), None, None)]
+    said = decision.sentences()
+    assert "cannot say which property earned it" in said["shallow"]
+    assert said["contrastive"] == [
+        "I chose to land on the blue flat block rather than the ground, because its value is 0.90 higher. Through which property, one "
+        "Q-Map for the whole reward cannot say."
+    ]
+    assert not any(word in str(said) for word in ("flatness", "color"))
+
+
+def test_many_components_say_what_would_have_been_enough() -> None:
+    names = ("size", "weight", "texture")
+    rows = {"Selected": (1.0, 0.6, 0.0), "A": (0.3, 0.3, 0.4), "B": (0.9, 0.1, 0.9)}
+    things = [Candidate(k, f"crate {k}", dict(zip(names, v, strict=True)), (i, i), None, i) for i, (k, v) in enumerate(rows.items())]
+    said = Decision("toy", names, things).sentences()["contrastive"]
+    assert "On its own, size outweighs everything that speaks against it." in said[0]
+    things[1].values = {"size": 0.7, "weight": 0.3, "texture": 0.4}
+    said = Decision("toy", names, things).sentences()["contrastive"]
+    assert "Were one of them missing, texture would tip the balance." in said[0]
 
 
 def test_lists_and_labels() -> None:
@@ -258,10 +325,43 @@ def test_candidates_are_the_argmaxima_of_allowed_cells(count: int, seed: int) ->
     assert [c.pixel for c in decision.candidates] == [(a // 5, a % 5) for a in expected]
     assert decision.selected.overall == pytest.approx(float(weighted.sum(0).max()), rel=1e-5)
     for pooled in decision.objects:
-        inside = torch.from_numpy(scene.cells == pooled.object_index).flatten()
+        inside = torch.from_numpy(scene.cells == (-1 if pooled.object_index is None else pooled.object_index)).flatten()
         assert pooled.overall == pytest.approx(float(weighted.sum(0)[inside].max()), rel=1e-5)
     plots.qmaps(decision)
     plots.plt.close("all")
+    by_object = Decision.from_policy(Policy(maps, weights), state, scene, task="toy", components=names, level="object")
+    assert by_object.selected.pixel == decision.selected.pixel
+    for name, candidate in zip(names, by_object.alternatives, strict=True):
+        assert candidate.values[name] == max(thing.values[name] for thing in by_object.objects)
+    distance, _ = decision.robustness() or (math.inf, "")
+    apart = (scene.cells != (-1 if decision.selected.object_index is None else decision.selected.object_index)).flatten()
+    each = [
+        contrast.flip_distance(dict(zip(names, (weighted[:, expected[0]] - weighted[:, a]).tolist(), strict=True)))
+        for a in range(30)
+        if apart[a] and a != 7
+    ]
+    assert distance == pytest.approx(min(each), abs=1e-5)
+
+
+def test_maps_are_saved_beside_the_decision_and_read_back(tmp_path: Path) -> None:
+    state, scene = small_scene()
+    torch.manual_seed(0)
+    policy = Policy(torch.rand(2, 30), torch.ones(2))
+    decision = Decision.from_policy(policy, state, scene, task="toy", components=["left", "right"])
+    assert [path.name for path in decision.save(tmp_path / "decision.json")] == ["decision.json", "decision.npz"]
+    again = Decision.load(tmp_path / "decision.json")
+    assert again.maps is not None and decision.maps is not None
+    np.testing.assert_allclose(again.maps, decision.maps, atol=1e-6)
+    assert again.sentences() == decision.sentences()
+    assert again.best_under({"left": 0.0, "right": 1.0}).pixel == decision["B"].pixel
+    (tmp_path / "decision.npz").write_bytes(b"PK")
+    with pytest.raises(UserError, match="not the maps of a decision"):
+        Decision.load(tmp_path / "decision.json")
+    other = Decision.from_policy(Policy(torch.rand(2, 30), torch.ones(2)), state, scene, task="toy", components=["left", "right"])
+    other.save(tmp_path / "other.json")
+    (tmp_path / "other.npz").rename(tmp_path / "decision.npz")
+    with pytest.raises(UserError, match="does not belong"):
+        Decision.load(tmp_path / "decision.json")
 
 
 def test_perceptions_agree_on_a_plain_scene() -> None:

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import itertools
-import json
 import math
 import string
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -21,16 +20,14 @@ from xqmap.explanations import contrast
 from xqmap.explanations.perception import Scene
 
 SELECTED = "Selected"
-# A decision file larger than this is not one of ours.
-_LARGEST_FILE = 50_000_000
 
 
 @dataclass
 class Candidate:
-    """An action that is looked at: the selected one, or the best for one component alone.
+    """An action that is looked at: the selected one, the best for one component alone, or the best on an object of the scene.
 
     Attributes:
-        label: ``"Selected"``, ``"A"``, ``"B"``, …
+        label: ``"Selected"``, ``"A"``, ``"B"``, …; an object that is no candidate goes by its name.
         object: what lies there, in words.
         values: w_k Q_k(s, a) by component name, in component order.
         pixel: row and column in the heightmap.
@@ -52,21 +49,6 @@ class Candidate:
 
 
 @dataclass
-class ObjectValue:
-    """An object of the scene and the values at its best cell (the pool over the object's cells)."""
-
-    object: str
-    object_index: int
-    pixel: tuple[int, int]
-    values: dict[str, float]
-
-    @property
-    def overall(self) -> float:
-        """Σ_k w_k Q_k at that cell."""
-        return sum(self.values.values())
-
-
-@dataclass
 class Decision:
     """A policy's choice in one state.
 
@@ -76,11 +58,30 @@ class Decision:
         candidates: ``Selected`` first, then one per component.
         scene_seed: of the scene, if it came from one.
         step: which decision of its episode it is, from 0.
-        objects: the scene's objects by falling overall value.
+        objects: what is in the scene, the background included, each taken at its best cell; by falling overall value.
         noise: typical error of each component's values (mean |TD error| at the end of training); empty if unknown.
-        heightmap: ``[4, H, W]``: 0–255 and metres; None in a decision that was read from a file.
+        heightmap: ``[4, H, W]``: 0–255 and metres; None where only the numbers are known.
         maps: ``[K, H, W]``: the weighted Q-Maps, NaN where an action cannot be chosen; None likewise.
-        bounds: ``[3, 2]``: world extent of the map, m.
+        scene: what lies on each cell; None likewise.
+
+    Example:
+        >>> from xqmap.explanations import Candidate, Decision
+        >>> decision = Decision(
+        ...     "landing",
+        ...     ("flatness", "color"),
+        ...     [
+        ...         Candidate("Selected", "blue flat block", {"flatness": 0.98, "color": 1.01}),
+        ...         Candidate("A", "ground", {"flatness": 1.0, "color": 0.01}),
+        ...         Candidate("B", "red inclined block", {"flatness": 0.02, "color": 1.03}),
+        ...     ],
+        ... )
+        >>> decision.shallow
+        'color'
+        >>> {name: round(value, 2) for name, value in decision.rdx("Selected", "B").items()}
+        {'flatness': 0.96, 'color': -0.02}
+        >>> print(decision.sentences()["contrastive"][1])
+        I chose to land on the blue flat block rather than the red inclined block (B), because flatness speaks for it (+0.96), \
+though color speaks against it (-0.02). If flatness counted 0.02 times as much, the red inclined block would be just as good.
     """
 
     task: str
@@ -88,11 +89,11 @@ class Decision:
     candidates: list[Candidate]
     scene_seed: int | None = None
     step: int = 0
-    objects: list[ObjectValue] = field(default_factory=list)
+    objects: list[Candidate] = field(default_factory=list)
     noise: dict[str, float] = field(default_factory=dict)
     heightmap: np.ndarray | None = None
     maps: np.ndarray | None = None
-    bounds: np.ndarray | None = None
+    scene: Scene | None = None
 
     @classmethod
     def from_policy(
@@ -103,6 +104,7 @@ class Decision:
         *,
         task: str,
         components: Sequence[str],
+        level: str = "pixel",
         scene_seed: int | None = None,
         step: int = 0,
         noise: dict[str, float] | None = None,
@@ -115,45 +117,49 @@ class Decision:
             scene: the names of what lies where, from a perception (``xqmap.explanations.perception``).
             task: name of the task.
             components: names of the policy's components, in order.
+            level: what A, B, … are the best of for their component: every ``"pixel"``, or every ``"object"`` taken at its best cell.
             scene_seed: of the scene.
             step: which decision of the episode.
             noise: typical error by component.
+
+        Raises:
+            UserError: if the maps are not finite.
         """
         names = tuple(components)
         with torch.no_grad():
             out = policy(state.select(keys.HEIGHTMAP, keys.ACTION_MASK, strict=False).clone())
         heightmap = state[keys.HEIGHTMAP].cpu().numpy()
-        shape = heightmap.shape[-2:]
         maps = (out[keys.COMPONENT_ACTION_VALUE] * policy.qmaps.weights[:, None]).cpu().double().numpy()
         mask = state.get(keys.ACTION_MASK, None)
         allowed = np.ones(maps.shape[-1], dtype=bool) if mask is None or not bool(mask.any()) else mask.cpu().numpy()
         if not np.isfinite(maps).all():
             raise UserError("the Q-Maps hold NaN or infinite values: the training diverged, lower trainer.learning_rate")
-        limited = np.where(allowed, maps, np.nan)
-
-        def candidate(label: str, action: int) -> Candidate:
-            pixel = (action // shape[1], action % shape[1])
-            values = dict(zip(names, maps[:, action].tolist(), strict=True))
-            return Candidate(label, scene.name(pixel), values, pixel, scene.position(pixel), scene.index(pixel))
-
-        candidates = [candidate(SELECTED, int(out[keys.ACTION]))]
-        candidates += [candidate(label(k), int(np.nanargmax(limited[k]))) for k in range(len(names))]
-        decision = cls(task, names, candidates, scene_seed, step, noise=noise or {}, heightmap=heightmap, bounds=np.array(scene.bounds))
-        decision.maps = limited.reshape(len(names), *shape)
+        limited = np.where(allowed, maps, np.nan).reshape(len(names), *heightmap.shape[-2:])
+        decision = cls(task, names, [], scene_seed, step, noise=noise or {}, heightmap=heightmap, maps=limited, scene=scene)
         decision.objects = decision._pool(scene)
+        selected = divmod(int(out[keys.ACTION]), heightmap.shape[-1])
+        if level == "pixel":
+            best = [divmod(int(np.nanargmax(image)), heightmap.shape[-1]) for image in limited]
+        else:
+            best = [max(decision.objects, key=lambda thing: thing.values[name]).pixel or selected for name in names]
+        decision.candidates = [decision.at(selected, SELECTED), *(decision.at(pixel, label(k)) for k, pixel in enumerate(best))]
         return decision
 
-    def _pool(self, scene: Scene) -> list[ObjectValue]:
+    def at(self, pixel: tuple[int, int], called: str) -> Candidate:
+        """The action on a pixel of the maps, under the label ``called``."""
+        assert self.maps is not None and self.scene is not None
+        values = dict(zip(self.components, self.maps[:, pixel[0], pixel[1]].tolist(), strict=True))
+        return Candidate(called, self.scene.name(pixel), values, pixel, self.scene.position(pixel), self.scene.index(pixel))
+
+    def _pool(self, scene: Scene) -> list[Candidate]:
         assert self.maps is not None
         total = self.maps.sum(0)
         pooled = []
-        for index, name in enumerate(scene.names):
-            cells = np.where(scene.cells == index, total, np.nan)
-            if np.isnan(cells).all():
-                continue
-            row, column = np.unravel_index(int(np.nanargmax(cells)), cells.shape)
-            values = dict(zip(self.components, self.maps[:, row, column].tolist(), strict=True))
-            pooled.append(ObjectValue(name, index, (int(row), int(column)), values))
+        for index, name in enumerate([*scene.names, scene.background]):
+            cells = np.where(scene.cells == (index if index < len(scene.names) else -1), total, np.nan)
+            if not np.isnan(cells).all():
+                row, column = np.unravel_index(int(np.nanargmax(cells)), cells.shape)
+                pooled.append(self.at((int(row), int(column)), name))
         return sorted(pooled, key=lambda thing: -thing.overall)
 
     def __getitem__(self, wanted: str) -> Candidate:
@@ -189,24 +195,54 @@ class Decision:
 
     def same(self, first: str, second: str) -> bool:
         """Whether two candidates lie on the same object (or, on the background or where objects are unknown, the same pixel)."""
-        a, b = self[first], self[second]
-        if a.object_index is not None and b.object_index is not None:
-            return a.object_index == b.object_index
-        return a.pixel is not None and a.pixel == b.pixel
+        return together(self[first], self[second])
+
+    @property
+    def error(self) -> float:
+        """Typical error of an overall value: the components' typical errors, taken as independent. 0 where unknown."""
+        return math.hypot(*(self.noise.get(name, 0.0) for name in self.components))
 
     def within_noise(self, first: str, second: str) -> bool:
-        """Whether the gap of two candidates' overall values is smaller than the values' typical error."""
-        error = math.hypot(*(self.noise.get(name, 0.0) for name in self.components))
-        return abs(sum(self.rdx(first, second).values())) <= error
+        """Whether the gap of two candidates' overall values is no larger than the values' typical error."""
+        return abs(sum(self.rdx(first, second).values())) <= self.error
+
+    @property
+    def others(self) -> list[Candidate]:
+        """What else could have been chosen: the other objects at their best cells, or the other candidates where objects are unknown."""
+        chosen = self.selected
+        if self.objects:
+            return [o for o in self.objects if (o.object_index, o.object) != (chosen.object_index, chosen.object)]
+        apart = [c for c in self.alternatives if not together(chosen, c)]
+        return sorted(apart, key=lambda candidate: -candidate.overall)
 
     def robustness(self) -> tuple[float, str] | None:
-        """The smallest joint change of weights that turns the choice to another object, and that object; None without another."""
-        own = self.selected.object_index
-        others = [(o.object, o.values) for o in self.objects if o.object_index != own]
-        if not self.objects:
-            others = [(c.object, c.values) for c in self.alternatives if not self.same(SELECTED, c.label)]
-        found = [(contrast.flip_distance(contrast.rdx(self.selected.values, values)), name) for name, values in others]
-        return min(found) if found else None
+        """The smallest joint change of weights that turns the choice to another object, and that object; None without another.
+
+        With maps it is the minimum over all actions elsewhere, else over :attr:`others`.
+        """
+        others = [(contrast.flip_distance(contrast.rdx(self.selected.values, other.values)), other.object) for other in self.others]
+        if not others or self.maps is None or self.scene is None:
+            return min(others) if others else None
+        own = -1 if self.selected.object_index is None else self.selected.object_index
+        delta = np.array(list(self.selected.values.values()))[:, None, None] - self.maps
+        with np.errstate(divide="ignore", invalid="ignore"):
+            distance = delta.sum(0) / np.linalg.norm(delta, axis=0)
+        distance = np.where(np.isnan(distance) & ~np.isnan(self.maps[0]), np.inf, distance)
+        distance[self.scene.cells == own] = np.nan
+        row, column = np.unravel_index(int(np.nanargmin(distance)), distance.shape)
+        return float(distance[row, column]), self.scene.name((int(row), int(column)))
+
+    def best_under(self, factors: Mapping[str, float]) -> Candidate:
+        """What would be chosen with other weights: Q_w = Σ_k factor_k w_k Q_k over all actions, or over what is known without maps."""
+
+        def worth(values: Mapping[str, float]) -> float:
+            return sum(factors[name] * values[name] for name in self.components)
+
+        if self.maps is None:
+            return max([*self.candidates, *self.objects], key=lambda candidate: worth(candidate.values))
+        total = sum(factors[name] * image for name, image in zip(self.components, self.maps, strict=True))
+        row, column = np.unravel_index(int(np.nanargmax(total)), self.maps.shape[1:])
+        return self.at((int(row), int(column)), "")
 
     def sentences(self, wording: Any = None) -> dict[str, Any]:
         """The decision in words; see :mod:`xqmap.explanations.sentences`."""
@@ -216,59 +252,33 @@ class Decision:
 
     def to_dict(self, wording: Any = None) -> dict[str, Any]:
         """The content of ``decision.json``."""
-        candidates = []
-        for c in self.candidates:
-            entry: dict[str, Any] = {"label": c.label, "object": c.object}
-            entry |= {"pixel": list(c.pixel)} if c.pixel is not None else {}
-            entry |= {"position": list(c.position)} if c.position is not None else {}
-            candidates.append(entry | {"values": c.values, "overall": c.overall, "object_index": c.object_index})
-        msx = []
-        for first, second in self.pairs:
-            delta = self.rdx(first, second)
-            pair = (first, second) if sum(delta.values()) >= 0 else (second, first)
-            plus, minus = contrast.msx(self.rdx(*pair))
-            msx.append({"pair": list(pair), "plus": plus, "minus": minus})
-        return {
-            "task": self.task,
-            "scene_seed": self.scene_seed,
-            "step": self.step,
-            "components": list(self.components),
-            "candidates": candidates,
-            "objects": [
-                {"object": o.object, "object_index": o.object_index, "pixel": list(o.pixel), "values": o.values, "overall": o.overall}
-                for o in self.objects
-            ],
-            "rdx": [{"pair": [a, b], "values": self.rdx(a, b)} for a, b in self.pairs],
-            "msx": msx,
-            "noise": self.noise,
-            "sentences": self.sentences(wording),
-        }
+        from xqmap.explanations import files
 
-    def save(self, path: str | Path, wording: Any = None) -> None:
-        """Writes ``decision.json``."""
-        Path(path).write_text(json.dumps(self.to_dict(wording), indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        return files.content(self, wording)
+
+    def save(self, path: str | Path, wording: Any = None) -> list[Path]:
+        """Writes ``decision.json`` and, beside it, the maps as ``decision.npz`` where there are any; returns the paths."""
+        from xqmap.explanations import files
+
+        return files.save(self, Path(path), wording)
 
     @classmethod
     def load(cls, path: str | Path) -> Decision:
-        """Reads a decision file; what can be derived is derived, whatever the file says of it.
+        """Reads a decision file, and the maps beside it; what can be derived is derived, whatever the file says of it.
 
         Raises:
             UserError: naming the file and the place that is wrong.
         """
-        path = Path(path)
-        try:
-            if path.stat().st_size > _LARGEST_FILE:
-                raise UserError(f"{path}: larger than {_LARGEST_FILE // 1_000_000} MB, which no decision is")
-            content = json.loads(path.read_text(encoding="utf-8"))
-        except FileNotFoundError:
-            raise UserError(f"{path}: there is no such file; give decision=FILE.json") from None
-        except (UnicodeDecodeError, ValueError, RecursionError) as error:
-            raise UserError(f"{path}: not JSON ({str(error)[:80]})") from None
-        except OSError as error:
-            raise UserError(f"{path}: cannot be read ({error.strerror})") from None
-        from xqmap.explanations.reading import parse
+        from xqmap.explanations import files
 
-        return parse(content, str(path))
+        return files.load(Path(path))
+
+
+def together(first: Candidate, second: Candidate) -> bool:
+    """Whether two actions go to the same object, or to the same pixel where there is none."""
+    if first.object_index is not None or second.object_index is not None:
+        return first.object_index == second.object_index
+    return first.pixel is not None and first.pixel == second.pixel
 
 
 def label(k: int) -> str:

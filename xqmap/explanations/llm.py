@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import queue
+import threading
 import time
 from collections.abc import Iterator
 from typing import Any, Protocol
@@ -10,6 +12,8 @@ from typing import Any, Protocol
 from xqmap.errors import UserError
 
 Message = dict[str, str]
+# More than any language needs: an answer beyond it has no end.
+_LETTERS_PER_TOKEN = 20
 
 
 class Unanswered(Exception):
@@ -60,34 +64,58 @@ class OpenAICompatible:
 
     def complete(self, messages: list[Message]) -> Iterator[str]:
         """Streams the answer; see :class:`LanguageModel`."""
-        import openai
+        # Read in a thread, so that a server that keeps the line busy without ever saying anything is given up too.
+        pieces: queue.SimpleQueue[str | Exception | None] = queue.SimpleQueue()
+        given_up = threading.Event()
+        threading.Thread(target=self._read, args=(messages, pieces, given_up), daemon=True).start()
+        ends, said = time.monotonic() + self._longest, 0
+        try:
+            while True:
+                try:
+                    piece = pieces.get(timeout=max(0.0, ends - time.monotonic()))
+                except queue.Empty:
+                    raise Unanswered(f"the model's answer did not end within {self._longest:g} s (llm.longest)") from None
+                if piece is None:
+                    break
+                if isinstance(piece, Exception):
+                    raise self._unanswered(piece) from None
+                said += len(piece)
+                if said > _LETTERS_PER_TOKEN * self._max_tokens:
+                    raise Unanswered(f"the model's answer is longer than {self._max_tokens} tokens (llm.max_tokens)")
+                yield piece
+        finally:
+            given_up.set()
+        if not said:
+            raise Unanswered("the model's answer was empty")
 
-        began, pieces = time.monotonic(), 0
+    def _read(self, messages: list[Message], pieces: queue.SimpleQueue[str | Exception | None], given_up: threading.Event) -> None:
         try:
             create: Any = self._client.chat.completions.create
-            stream = create(model=self._model, messages=messages, temperature=self._temperature, max_tokens=self._max_tokens, stream=True)
-            for chunk in stream:
-                if time.monotonic() - began > self._longest or pieces > 4 * self._max_tokens:
-                    stream.close()
-                    raise Unanswered(f"the model's answer did not end within {self._longest:g} s")
-                piece = chunk.choices[0].delta.content if chunk.choices else None
-                if piece:
-                    pieces += 1
-                    yield piece
-        except openai.APIStatusError as error:
-            raise Unanswered(f"the model's server answered {error.status_code}: {str(error.message)[:120]}") from None
-        except openai.APITimeoutError:
-            raise Unanswered(f"the model did not answer in time (llm.timeout={self._client.timeout})") from None
-        except openai.APIConnectionError:
-            raise Unanswered(f"no server answers at {self._client.base_url}") from None
-        except Unanswered:
-            raise
-        except (openai.OpenAIError, ValueError, AttributeError, IndexError, TypeError, OSError) as error:
-            raise Unanswered(f"the model's answer was malformed ({type(error).__name__})") from None
+            settings = {"model": self._model, "temperature": self._temperature, "max_tokens": self._max_tokens}
+            with create(messages=messages, stream=True, **settings) as stream:
+                for chunk in stream:
+                    if given_up.is_set():
+                        return
+                    if piece := chunk.choices[0].delta.content if chunk.choices else None:
+                        pieces.put(piece)
+            pieces.put(None)
         except Exception as error:
-            # The HTTP library under the client has exceptions of its own for a stream that breaks off.
-            if type(error).__module__.split(".")[0] in ("httpx", "httpx2", "httpcore", "httpcore2"):
-                raise Unanswered(f"the model's answer broke off ({type(error).__name__})") from None
-            raise
-        if not pieces:
-            raise Unanswered("the model's answer was empty")
+            # Whatever goes wrong while reading is told, or raised, where the answer is awaited.
+            pieces.put(error)
+
+    def _unanswered(self, error: Exception) -> Exception:
+        """The error as a line for the person; itself where it is none that a server can cause."""
+        import openai
+
+        if isinstance(error, openai.APIStatusError):
+            return Unanswered(f"the model's server answered {error.status_code}: {str(error.message)[:120]}")
+        if isinstance(error, openai.APITimeoutError):
+            return Unanswered(f"the model did not answer in time (llm.timeout={self._client.timeout} s)")
+        if isinstance(error, openai.APIConnectionError):
+            return Unanswered(f"no server answers at {self._client.base_url}")
+        # The HTTP library under the client has exceptions of its own for a stream that breaks off.
+        if type(error).__module__.split(".")[0] in ("httpx", "httpx2", "httpcore", "httpcore2"):
+            return Unanswered(f"the model's answer broke off ({type(error).__name__})")
+        if isinstance(error, openai.OpenAIError | ValueError | AttributeError | IndexError | TypeError | OSError):
+            return Unanswered(f"the model's answer was malformed ({type(error).__name__})")
+        return error

@@ -30,54 +30,36 @@ def page(decisions: Sequence[Decision], dialogue: Sequence[tuple[str, str]] = ()
     seed = "" if first.scene_seed is None else f" Scene {first.scene_seed}."
     body = [f"<h1>{escape(title)}</h1>", f'<p class="soft">Components: {escape(", ".join(first.components))}.{seed}</p>']
     if len(decisions) > 1:
-        body += [
-            "<h2>Over the episode</h2>",
-            _picture(lambda: over_time(decisions), "The selected action's component values, decision by decision."),
-        ]
-    for decision in decisions:
-        body += _decision(decision, heading=len(decisions) > 1)
+        caption = "The component values of what was chosen, decision by decision."
+        body += ["<h2>Over the episode</h2>", _picture(lambda: plots.over_time(decisions), caption)]
+        body += ["<ol>", *(f'<li><a href="#{i}">{escape(d.selected.object)}</a></li>' for i, d in enumerate(decisions)), "</ol>"]
+    for i, decision in enumerate(decisions):
+        if len(decisions) > 1:
+            body.append(f'<h2 id="{i}">Decision {decision.step + 1}: {escape(decision.selected.object)}</h2>')
+        body += _decision(decision, level=3 if len(decisions) > 1 else 2)
     if dialogue:
         body.append("<h2>Asked</h2>")
         for question, answer in dialogue:
-            body.append(f"<p><strong>{escape(question)}</strong></p><blockquote>{escape(answer)}</blockquote>")
+            body.append(f'<p><strong>{escape(question)}</strong></p><blockquote class="said">{escape(answer)}</blockquote>')
     return (
-        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">'
+        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">'
         f"<title>{escape(title)}</title><style>{_STYLE}</style></head><body>{''.join(body)}</body></html>\n"
     )
 
 
-def over_time(decisions: Sequence[Decision]) -> Figure:
-    """How the selected action's values move over an episode: a stacked line of components and their sum."""
-    with plt.rc_context(plots.STYLE):
-        figure, axis = plt.subplots(figsize=(9, 3), layout="constrained")
-        steps = [decision.step + 1 for decision in decisions]
-        for name in decisions[0].components:
-            axis.plot(steps, [d.selected.values[name] for d in decisions], "o-", color=plots.color_of(decisions[0], name), label=name)
-        axis.plot(steps, [d.selected.overall for d in decisions], "s--", color="0.25", label="sum")
-        axis.set_xticks(steps, [f"{s}\n{d.selected.object}" for s, d in zip(steps, decisions, strict=True)], fontsize=7)
-        axis.set_ylabel("value")
-        axis.legend(frameon=False, loc="upper left", bbox_to_anchor=(1, 1))
-        return figure
-
-
-def _decision(decision: Decision, heading: bool) -> list[str]:
+def _decision(decision: Decision, level: int) -> list[str]:
+    """One decision; ``level`` is that of its headings."""
     said = decision.sentences()
-    parts = [f"<h2>Decision {decision.step + 1}: {escape(decision.selected.object)}</h2>" if heading else ""]
-    parts += [f"<blockquote>{escape(said['shallow'])}</blockquote>"]
+    parts = [f"<blockquote>{escape(said['shallow'])}</blockquote>"]
     if decision.maps is not None:
         marks = "; ".join(f"{c.label}: {c.object}" for c in decision.candidates)
-        parts.append(
-            _picture(
-                lambda: plots.qmaps(decision), f"The scene and the Q-Maps over it. ★ selected, letters the best for one component. {marks}."
-            )
-        )
-    parts.append("<h2>Values of the candidates</h2>" if not heading else "<h3>Values of the candidates</h3>")
-    parts.append(
-        _picture(
-            lambda: plots.bars(decision),
-            "Component values of each candidate, and differences (RDX) of each pair; the tables hold the same.",
-        )
-    )
+        caption = "The scene, and the Q-Maps over it. ★ is the choice, letters mark what would be best for one component alone. "
+        parts.append(_picture(lambda: plots.qmaps(decision), f"{caption}{marks}."))
+    parts += [f"<h{level}>And why not the others?</h{level}>"]
+    parts += [f"<p>{escape(sentence)}</p>" for sentence in (*said["contrastive"], said["robustness"])]
+    parts.append(f"<h{level}>Values and differences</h{level}>")
+    caption = "Component values of each candidate, and their differences (RDX); the tables hold the same numbers."
+    parts.append(_picture(lambda: plots.bars(decision), caption))
     head = "".join(f"<th>{escape(name)}</th>" for name in decision.components)
     rows = [
         f'<tr><td>{escape(c.label)}</td><td class="text">{escape(c.object)}</td>'
@@ -85,21 +67,22 @@ def _decision(decision: Decision, heading: bool) -> list[str]:
         + f"<td>{number(c.overall)}</td></tr>"
         for c in decision.candidates
     ]
-    parts.append(f'<table><tr><th>candidate</th><th class="text">object</th>{head}<th>sum</th></tr>{"".join(rows)}</table>')
+    parts.append(_table(f'<tr><th>candidate</th><th class="text">object</th>{head}<th>sum</th></tr>', rows))
     rows = []
     for a, b in decision.pairs:
         delta = decision.rdx(a, b)
         cells = "".join(f"<td>{signed(delta[n])}</td>" for n in decision.components)
-        rows.append(f"<tr><td>{escape(a)} – {escape(b)}</td>{cells}<td>{signed(sum(delta.values()))}</td></tr>")
-    parts.append(f"<table><tr><th>pair</th>{head}<th>gap</th></tr>{''.join(rows)}</table>")
-    parts.append("<h2>And why not the others?</h2>" if not heading else "<h3>And why not the others?</h3>")
-    parts += [f"<p>{escape(sentence)}</p>" for sentence in (*said["contrastive"], said["robustness"])]
-    return parts
+        rows.append(f"<tr><td>{escape(a)} − {escape(b)}</td>{cells}<td>{signed(sum(delta.values()))}</td></tr>")
+    return [*parts, _table(f"<tr><th>pair</th>{head}<th>gap</th></tr>", rows)]
+
+
+def _table(head: str, rows: list[str]) -> str:
+    return f'<div class="wide"><table>{head}{"".join(rows)}</table></div>'
 
 
 def _picture(draw: Callable[[], Figure], caption: str) -> str:
     figure, buffer = draw(), io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=110)
+    figure.savefig(buffer, format="png", dpi=110, bbox_inches="tight")
     plt.close(figure)
     data = base64.b64encode(buffer.getvalue()).decode()
     caption = escape(caption, quote=True)

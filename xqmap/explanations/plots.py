@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 import textwrap
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +16,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 
 from xqmap.checkpoint import replacing
 from xqmap.explanations.decision import SELECTED, Decision
@@ -30,6 +34,10 @@ STYLE: Any = {
 }
 
 
+# Behind a number that a line may cross.
+_CLEAR = {"fc": "white", "ec": "none", "pad": 0.4}
+
+
 def color_of(decision: Decision, component: str) -> str:
     """The colour of a component, the same in every chart."""
     return PALETTE[decision.components.index(component) % len(PALETTE)]
@@ -38,106 +46,165 @@ def color_of(decision: Decision, component: str) -> str:
 def qmaps(decision: Decision) -> Figure:
     """Part 1: the scene, each component's Q-Map and their sum over it, with the candidates marked."""
     with plt.rc_context(STYLE):
-        panels = len(decision.components) + 2
-        rows, columns = _maps(decision).shape[-2:]
-        tall = rows > columns
-        figure, axes = plt.subplots(1, panels, figsize=(2.9 * panels if not tall else 2.1 * panels, 3.4), layout="constrained")
-        _draw_maps(decision, list(axes))
+        _require_maps(decision)
+        panels, rows = _panels(decision)
+        figure = plt.figure(figsize=(_panel_width(decision) * panels, 3.4 * rows), layout="constrained")
+        _draw_maps(decision, figure)
         return figure
 
 
 def values(decision: Decision) -> Figure:
     """Part 2a: the component values of every candidate, side by side, and their sum."""
     with plt.rc_context(STYLE):
-        figure, axes = plt.subplots(figsize=(1.8 + 1.5 * len(decision.candidates), 3.4), layout="constrained")
-        _draw_values(decision, axes)
-        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=9)
+        width = max(3.6, len(decision.candidates) * (0.7 + 0.2 * len(decision.components)))
+        figure, axis = plt.subplots(figsize=(1.8 + width, 3.4), layout="constrained")
+        _draw_values(decision, axis)
+        _legend(decision, axis)
         return figure
 
 
 def rdx(decision: Decision) -> Figure:
-    """Part 2b: the differences Δ_k of every pair of candidates; bars to the right of zero speak for the first of the pair."""
+    """Part 2b: the differences Δ_k of every pair of candidates (beyond eight components, of the selected one with each)."""
     with plt.rc_context(STYLE):
-        figure, axes = plt.subplots(figsize=(1.8 + 1.5 * len(decision.pairs), 3.4), layout="constrained")
-        _draw_rdx(decision, axes)
+        pairs = decision.pairs if len(decision.components) <= 8 else _own_pairs(decision)
+        each = max(4, 40 // len(decision.components))
+        rows = [pairs[i : i + each] for i in range(0, len(pairs), each)] or [[]]
+        width = max(3.6, len(rows[0]) * (0.7 + 0.2 * len(decision.components)))
+        figure, axes = plt.subplots(
+            len(rows), 1, figsize=(1.8 + width, 3.4 + 2.2 * (len(rows) - 1)), layout="constrained", sharey=True, squeeze=False
+        )
+        for axis, row in zip(axes[:, 0], rows, strict=True):
+            _draw_rdx(decision, axis, row)
+            axis.set_xlim(-0.6, len(rows[0]) - 0.4)
+        for axis in axes[1:, 0]:
+            axis.set_title("")
+        _legend(decision, axes[0, 0])
         return figure
 
 
 def bars(decision: Decision) -> Figure:
-    """Part 2 as one figure: values and differences."""
+    """Part 2 as one figure: values and differences.
+
+    Example:
+        >>> from xqmap.explanations import Candidate, Decision, plots
+        >>> selected = Candidate("Selected", "blue cube", {"shape": 0.98, "color": 0.81})
+        >>> other = Candidate("A", "red cube", {"shape": 1.0, "color": 0.01})
+        >>> figure = plots.bars(Decision("grasping", ("shape", "color"), [selected, other]))
+        >>> [axis.get_title() for axis in figure.axes]
+        ['Values of each candidate', 'Differences (RDX): above zero speaks for the first']
+    """
     with plt.rc_context(STYLE):
-        count = len(decision.candidates) + len(decision.pairs)
-        figure, axes = plt.subplots(
-            1, 2, figsize=(3 + 1.3 * count, 3.4), layout="constrained", width_ratios=(len(decision.candidates), len(decision.pairs))
-        )
-        _draw_values(decision, axes[0])
-        _draw_rdx(decision, axes[1])
+        figure = plt.figure(figsize=_bars_size(decision), layout="constrained")
+        _draw_bars(decision, figure)
         return figure
 
 
 def overview(decision: Decision, dialogue: list[tuple[str, str]] | None = None) -> Figure:
     """The whole explanation as one figure: maps, bars, sentences, and a piece of a dialogue ``[(question, answer), …]``."""
     with plt.rc_context(STYLE):
-        panels = len(decision.components) + 2
-        figure = plt.figure(figsize=(max(11, 2.9 * panels), 10.5 if dialogue else 8.6), layout="constrained")
-        parts: Any = figure.subfigures(4 if dialogue else 3, 1, height_ratios=(3.4, 3.2, 2.0, 1.9)[: 4 if dialogue else 3])
-        if decision.maps is not None:
-            _draw_maps(decision, list(np.atleast_1d(parts[0].subplots(1, panels))))
-        else:
-            parts[0].text(0.5, 0.5, "the decision was read from a file without maps", ha="center", va="center")
-        axes = parts[1].subplots(1, 2, width_ratios=(len(decision.candidates), len(decision.pairs)))
-        _draw_values(decision, axes[0])
-        _draw_rdx(decision, axes[1])
+        panels, map_rows = _panels(decision)
+        bars_width, bars_height = _bars_size(decision)
+        width = max(11.0, _panel_width(decision) * panels, bars_width)
         said = decision.sentences()
-        _write(parts[2], "Why this one, and why not another?", [said["shallow"], *said["contrastive"]])
-        if dialogue:
-            _write(parts[3], "Asked", [line for q, a in dialogue for line in (f"— {q}", a)])
-        for part, title in zip(parts, ("Part 1 · Q-Maps", "Part 2 · values and differences", "Part 3", "Part 4"), strict=False):
+        texts = [[said["shallow"], *said["contrastive"]], [line for q, a in dialogue or [] for line in (f"— {q}", a)]]
+        # About 15 characters of the text's size fit an inch.
+        wrapped = [[textwrap.fill(line.replace("$", r"\$"), int(15 * width)) for line in lines] for lines in texts if lines]
+        parts = [("Part 1 · Q-Maps", 3.4 * map_rows)] if decision.maps is not None else []
+        parts += [("Part 2 · values and differences", bars_height)]
+        titles = ("Part 3 · why this one, and why not another", "Part 4 · asked")
+        parts += [(title, 0.45 + 0.19 * sum(1 + line.count("\n") for line in lines)) for title, lines in zip(titles, wrapped, strict=False)]
+        figure = plt.figure(figsize=(width, sum(height for _, height in parts)), layout="constrained")
+        made = figure.subfigures(len(parts), 1, height_ratios=[height for _, height in parts], squeeze=False)[:, 0]
+        drawn = list(made)
+        for part, (title, _) in zip(made, parts, strict=True):
             part.suptitle(title, x=0.005, ha="left", fontsize=10, color="0.35")
+        if decision.maps is not None:
+            _draw_maps(decision, drawn.pop(0))
+        _draw_bars(decision, drawn.pop(0))
+        for part, lines in zip(drawn, wrapped, strict=True):
+            part.text(0.005, 1 - 0.36 / part.bbox.height * figure.dpi, "\n".join(lines), fontsize=9, va="top", linespacing=1.45)
+        return figure
+
+
+def over_time(decisions: Sequence[Decision]) -> Figure:
+    """How the values of what was chosen move over an episode: one line per component, and their sum."""
+    with plt.rc_context(STYLE):
+        figure, axis = plt.subplots(figsize=(max(6.0, 1.8 + 0.62 * len(decisions)), 3.2), layout="constrained")
+        steps = [decision.step + 1 for decision in decisions]
+        first = decisions[0]
+        for name, marker in zip(first.components, itertools.cycle("o^Dv"), strict=False):
+            axis.plot(steps, [d.selected.values[name] for d in decisions], f"{marker}-", color=color_of(first, name), label=name)
+        if len(first.components) > 1:
+            axis.plot(steps, [d.selected.overall for d in decisions], "s--", color="0.25", label="sum")
+        names = ["\n".join([str(s), *textwrap.wrap(d.selected.object, 9)]) for s, d in zip(steps, decisions, strict=True)]
+        axis.set_xticks(steps, names, fontsize=7)
+        axis.set_xlabel("decision, and what was chosen")
+        axis.set_ylabel("value")
+        axis.legend(frameon=False, loc="upper left", bbox_to_anchor=(1, 1))
         return figure
 
 
 def save(figure: Figure, path: Path) -> list[Path]:
     """Writes a figure as PNG and SVG; returns the paths."""
     paths = [path.with_suffix(".png"), path.with_suffix(".svg")]
-    for target in paths:
-        with replacing(target) as beside:
-            figure.savefig(beside, format=target.suffix[1:], metadata={"Date": None} if target.suffix == ".svg" else None)
+    with plt.rc_context(STYLE):
+        for target in paths:
+            with replacing(target) as beside:
+                figure.savefig(beside, format=target.suffix[1:], metadata={"Date": None} if target.suffix == ".svg" else None)
     plt.close(figure)
     return paths
 
 
-def _maps(decision: Decision) -> np.ndarray:
+def _require_maps(decision: Decision) -> np.ndarray:
     if decision.maps is None or decision.heightmap is None:
-        raise ValueError("this decision was read from a file and has no maps to draw")
+        raise ValueError("this decision was read from a file without maps: there are none to draw")
     return decision.maps
 
 
-def _draw_maps(decision: Decision, axes: list[Axes]) -> None:
-    maps = _maps(decision)
+def _panels(decision: Decision) -> tuple[int, int]:
+    """How many map panels stand side by side, and in how many rows."""
+    count = len(decision.components) + (2 if len(decision.components) > 1 else 1)
+    rows = math.ceil(count / 6)
+    return math.ceil(count / rows), rows
+
+
+def _panel_width(decision: Decision) -> float:
+    if decision.maps is None:
+        return 0.0
+    rows, columns = decision.maps.shape[-2:]
+    return min(3.2, 0.8 + 2.9 * columns / rows)
+
+
+def _draw_maps(decision: Decision, figure: Any) -> None:
+    maps = _require_maps(decision)
     assert decision.heightmap is not None
+    columns, rows = _panels(decision)
+    axes = list(figure.subplots(rows, columns, squeeze=False).flat)
     scene = decision.heightmap[:3].transpose(1, 2, 0).astype(np.uint8)
     axes[0].imshow(scene, origin="lower")
     axes[0].set_title("scene")
-    panels = [*zip(decision.components, maps, strict=True), ("sum", maps.sum(0))]
-    for axis, (name, image) in zip(axes[1:], panels, strict=True):
-        gray = scene.mean(-1) / 255
-        axis.imshow(gray, origin="lower", cmap="gray", vmin=0, vmax=1.4)
+    panels = list(zip(decision.components, maps, strict=True))
+    panels += [("sum", maps.sum(0))] if len(panels) > 1 else []
+    for axis, (name, image) in zip(axes[1:], panels, strict=False):
+        axis.imshow(scene.mean(-1) / 255, origin="lower", cmap="gray", vmin=0, vmax=1.4)
         low, high = np.nanquantile(image, [0.01, 1.0])
-        drawn = axis.imshow(image, origin="lower", cmap="viridis", vmin=low, vmax=max(high, low + 1e-6), alpha=0.85)
-        bar = axis.figure.colorbar(drawn, ax=axis, shrink=0.8, pad=0.02)
+        drawn = axis.imshow(image, origin="lower", cmap="viridis", vmin=low, vmax=max(high, low + 1e-6), alpha=0.9)
+        bar = axis.figure.colorbar(drawn, ax=axis, shrink=0.8, pad=0.03)
         bar.ax.tick_params(labelsize=7)
-        axis.set_title(name, color="black" if name == "sum" else color_of(decision, name), fontweight="bold")
-    for axis in axes:
+        axis.set_title(name, fontweight="bold")
+    for i, axis in enumerate(axes):
         axis.set_xticks([])
         axis.set_yticks([])
+        # The frame is in the component's colour, which a title would be too thin to show.
+        framed = 1 <= i <= len(decision.components)
         for spine in axis.spines.values():
-            spine.set_visible(False)
-        _mark(decision, axis)
+            spine.set(visible=framed, linewidth=3, color=PALETTE[(i - 1) % len(PALETTE)])
+        if i <= len(panels):
+            _mark(decision, axis)
 
 
 def _mark(decision: Decision, axis: Axes) -> None:
-    """Marks each candidate's cell; labels that share a cell stand together."""
+    """Marks each candidate's cell: a star for the selected one, a ring for the others; labels that share a cell stand together."""
     cells: dict[tuple[int, int], list[str]] = {}
     for candidate in decision.candidates:
         if candidate.pixel is not None:
@@ -145,46 +212,80 @@ def _mark(decision: Decision, axis: Axes) -> None:
     assert decision.heightmap is not None
     rows, columns = decision.heightmap.shape[-2:]
     for (row, column), labels in cells.items():
-        own = SELECTED in labels
-        axis.plot(column, row, "*" if own else "o", ms=13 if own else 7, mfc="white" if own else "none", mec="black", mew=1.1)
-        axis.plot(column, row, "o", ms=0 if own else 9, mfc="none", mec="white", mew=0.8)
-        # Towards the middle, so that no label leaves the map.
-        away = (-9 if column > columns / 2 else 9, -9 if row > rows / 2 else 9)
-        axis.annotate(
-            ", ".join(label if label != SELECTED else "★" for label in labels),
-            (column, row),
-            xytext=away,
-            textcoords="offset points",
-            ha="center",
-            va="center",
-            fontsize=8,
-            fontfamily="DejaVu Sans",
-            bbox={"boxstyle": "round,pad=0.2", "fc": "white", "ec": "0.3", "lw": 0.6, "alpha": 0.9},
-        )
+        if SELECTED in labels:
+            axis.plot(column, row, "*", ms=14, mfc="white", mec="black", mew=1.1, zorder=4)
+        else:
+            axis.plot(column, row, "o", ms=9, mfc="none", mec="white", mew=3)
+            axis.plot(column, row, "o", ms=9, mfc="none", mec="black", mew=1.1)
+        letters = ", ".join(name for name in labels if name != SELECTED)
+        if letters:
+            # Towards the middle, so that no label leaves the map.
+            away = (-11 if column > columns / 2 else 11, -11 if row > rows / 2 else 11)
+            axis.annotate(
+                letters,
+                (column, row),
+                xytext=away,
+                textcoords="offset points",
+                ha="center",
+                va="center",
+                fontsize=8,
+                zorder=5,
+                bbox={"boxstyle": "round,pad=0.2", "fc": "white", "ec": "0.3", "lw": 0.6, "alpha": 0.9},
+            )
+
+
+def _stacked(decision: Decision) -> bool:
+    return len(decision.components) > 3
+
+
+def _own_pairs(decision: Decision) -> list[tuple[str, str]]:
+    return [(SELECTED, candidate.label) for candidate in decision.alternatives]
+
+
+def _bars_size(decision: Decision) -> tuple[float, float]:
+    each = 0.7 + 0.2 * len(decision.components)
+    if _stacked(decision):
+        return 1.8 + len(decision.candidates) * each, 6.4
+    return max(8.0, 2.6 + each * (len(decision.candidates) + len(decision.pairs))), 3.4
+
+
+def _draw_bars(decision: Decision, figure: Any) -> None:
+    """Values and differences side by side; with many components one above the other, and the differences to the choice only."""
+    if _stacked(decision):
+        axes = figure.subplots(2, 1)
+    else:
+        axes = figure.subplots(1, 2, width_ratios=(len(decision.candidates), max(1, len(decision.pairs))))
+    _draw_values(decision, axes[0])
+    _draw_rdx(decision, axes[1], _own_pairs(decision) if _stacked(decision) else decision.pairs)
+    _legend(decision, axes[0] if _stacked(decision) else axes[1])
 
 
 def _draw_values(decision: Decision, axis: Axes) -> None:
     groups = [candidate.values for candidate in decision.candidates]
     _grouped(decision, axis, groups, number)
-    for i, candidate in enumerate(decision.candidates):
+    for i, candidate in enumerate(decision.candidates if len(decision.components) > 1 else []):
         axis.plot([i - 0.42, i + 0.42], [candidate.overall] * 2, color="0.25", lw=1.4)
         # Above the tallest bar of the group and its number.
         top = max(candidate.overall, *candidate.values.values(), 0.0)
         text = f"Σ {number(candidate.overall)}"
         axis.annotate(text, (i, top), xytext=(0, 11), textcoords="offset points", ha="center", fontsize=8, fontweight="bold")
-    axis.set_xticks(range(len(groups)), ["\n".join([c.label, *textwrap.wrap(c.object, 12)]) for c in decision.candidates], fontsize=8)
+    axis.set_xticks(range(len(groups)), ["\n".join([c.label, *textwrap.wrap(c.object, 14)]) for c in decision.candidates], fontsize=8)
     axis.set_ylabel("value")
     axis.set_title("Values of each candidate")
     axis.margins(y=0.2)
 
 
-def _draw_rdx(decision: Decision, axis: Axes) -> None:
-    _grouped(decision, axis, [decision.rdx(*pair) for pair in decision.pairs], signed)
-    axis.set_xticks(range(len(decision.pairs)), [f"{a} –\n{b}" for a, b in decision.pairs], fontsize=8)
+def _draw_rdx(decision: Decision, axis: Axes, pairs: list[tuple[str, str]]) -> None:
+    _grouped(decision, axis, [decision.rdx(*pair) for pair in pairs], signed)
+    axis.set_xticks(range(len(pairs)), [f"{a} − {b}" for a, b in pairs], fontsize=8)
     axis.set_ylabel("difference")
     axis.set_title("Differences (RDX): above zero speaks for the first")
     axis.margins(y=0.15)
-    axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=9)
+
+
+def _legend(decision: Decision, axis: Axes) -> None:
+    handles = [Patch(color=color_of(decision, name), label=name) for name in decision.components]
+    axis.legend(handles=handles, loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=9)
 
 
 def _grouped(decision: Decision, axis: Axes, groups: list[dict[str, float]], form: Any) -> None:
@@ -193,13 +294,7 @@ def _grouped(decision: Decision, axis: Axes, groups: list[dict[str, float]], for
     for k, name in enumerate(decision.components):
         places = [i + (k - (count - 1) / 2) * width for i in range(len(groups))]
         heights = [group[name] for group in groups]
-        drawn = axis.bar(places, heights, width * 0.94, color=color_of(decision, name), label=name)
+        drawn = axis.bar(places, heights, width * 0.94, color=color_of(decision, name))
         if count <= 4:
-            axis.bar_label(drawn, [form(height) for height in heights], fontsize=7, padding=1.5, color="0.3")
+            axis.bar_label(drawn, [form(height) for height in heights], fontsize=7, padding=1.5, color="0.3", bbox=_CLEAR)
     axis.axhline(0, color="0.3", lw=0.8)
-
-
-def _write(part: Any, title: str, lines: list[str]) -> None:
-    wrapped = [textwrap.fill(line.replace("$", r"\$"), 150) for line in lines]
-    part.text(0.01, 0.86, title, fontsize=10, fontweight="bold", va="top")
-    part.text(0.01, 0.70, "\n".join(wrapped), fontsize=9, va="top", linespacing=1.45)

@@ -1,4 +1,4 @@
-"""Understands a question about a decision well enough to answer it from the numbers: who it is about, and what is asked."""
+"""Understands a question about a decision well enough to answer it from the numbers: what is asked, and about whom."""
 
 from __future__ import annotations
 
@@ -8,11 +8,46 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from xqmap.explanations.decision import SELECTED, Candidate, Decision
+from xqmap.explanations.naming import missing, named, plain
 
-_FACTORS = {"not": 0.0, "nothing": 0.0, "half": 0.5, "less": 0.5, "twice": 2.0, "double": 2.0, "more": 2.0, "triple": 3.0}
-# Words that describe no thing.
-_PLAIN = frozenset(("other", "chosen", "selected", "best", "next", "first", "second", "same", "right", "left", "which", "one"))
-_COUNT = r"count|matter|weigh|import|care|value"
+# How each kind of question is recognised, in the order in which they are tried.
+ASKS = {
+    "help": r"^(help|hello|hi|hey)\b|^$|what (can|could|may|should) (i|you)\b|what do you know",
+    "thanks": r"^(thanks|thank you|ok|okay|great|good|nice|cool|i see|got it|bye)$",
+    "what_if": r"\b(what|how) if\b|\bif\b|\bsuppose\b|\bimagine\b|\bassum|\bwithout\b|\bignor|\bwhat about .*\b(twice|half|times)\b",
+    "sure": r"\b(un)?sure\b|\bcertain|\bconfiden|\btrust\b|\breliab|\bdoubt|toss-?up|\bnoise\b|\berrors?\b|\bclear (choice|winner|call)",
+    "robust": r"\bflip|change your (mind|choice)|what would it take|\brobust|how close|turn the (choice|decision)|\bnarrow\b|\btight\b",
+    "rdx": r"\b(rdx|msx)\b",
+    "q_value": r"\bq-?\s?(values?|maps?)\b|\boverall value\b.*\bmean|what (is|does) (the|an) overall value",
+    "meaning": r"\bmeans?\b|\bmeaning\b|\bdefin|stands? for|\bmeasure|what (is|are|'s) (a |an |the )?[\w-]+\??$",
+    "where": r"\bwhere\b|\bposition\b|\bcoordinates?\b|\blocation\b",
+    "runner_up": r"second[- ]best|runner|next best|something else|anything else|anywhere else|somewhere else|another (one|place|spot)",
+    "component": r"\b(which|what)\b.*(component|propert|contribut|factor|matter|mostly|most\b|feature|criteri)|main reason|most important",
+    "contrastive": r"\bwhy\b.*\b(not|rather|instead|over|than|better)\b|\bwhy (did|do|have|are|was|is|could|would)n.?t\b|\bcompare"
+    r"|\bversus\b|\bvs\b|\bdifferen|\b(better|worse|best) (than|of)\b|\bwrong with\b|\bagainst\b|\binstead of\b",
+    "list": r"\b(what|which|who|list|show|name)\b.*\b(candidates?|options?|alternatives?|choices)\b|what else",
+    "scene": r"^(?!.*\bbest\b).*(what (do|can|did) you see|\b(what|which|how many|list|name)\b.*\b"
+    r"(objects?|things?|blocks?|cubes?|bowls?|scene)\b)",
+    "component_of": r"\bhow\b|\bwhat\b|\bvalue\b|\brole\b|^(is|was|does|did|are)\b|\bscore|\btell me\b|\bmuch\b",
+    "values": r"\bvalues?\b|\bhow good\b|\bscore|\bworth\b|\bnumbers?\b|\btell me about\b|\bwhat is\b|\bhow much\b",
+    "shallow": r"\bwhy\b|\bexplain|\breasons?\b|\bwhat made\b|\bhow come\b|what (did|do|will|have) you (choose|chosen|pick|select)"
+    r"|\bwhat is selected\b|\bjustify\b|which (one|object)? ?did you|\bwhat was your (choice|decision)\b|\bhow did you decide\b|\bbest\b",
+}
+NUMBERS = ["zero", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten"]
+_FACTORS = {
+    r"n[o']t\b|n't\b|\bnothing\b|\bno longer\b|\bignor|\bwithout\b|\bremove|\bdrop|\bzero\b|\boff\b|\birrelevant": 0.0,
+    r"\bhalf\b|\bhalv": 0.5,
+    r"\bthird\b": 1 / 3,
+    r"\bquarter\b": 0.25,
+    r"\btwice\b|\bdoubl": 2.0,
+    r"\btripl|\bthrice\b": 3.0,
+    r"\bless\b|\bleast\b|\blower\b": 0.5,
+    r"\bmore\b|\bmost\b|\bhigher\b": 2.0,
+    r"\bsame\b|\bequal|\bas now\b": 1.0,
+}
+_WEIGHED = r"\bcount|\bmatter|\bweigh|\bimport|\bcare|\brelevan|\bvalue"
+# Kinds that "and B?" can repeat for somebody else.
+_REPEATED = ("contrastive", "what_if", "component", "component_of", "sure", "robust", "values", "where", "meaning")
 
 
 @dataclass
@@ -20,17 +55,19 @@ class Question:
     """What was understood.
 
     Attributes:
-        kind: ``shallow``, ``contrastive``, ``what_if``, ``component``, ``sure``, ``q_value``, ``list``, ``component_of``, ``robust``,
-            ``help``, ``missing`` (of a thing that is not there, named in ``component``) or ``unknown``.
+        kind: a key of ``ASKS``, ``pair`` (two candidates of which neither was chosen), ``scene_if`` (another scene), ``missing`` (of a
+            thing that is not there), ``no_component`` (of a property without a Q-Map of its own) or ``unknown``.
         about: the candidates or objects that are named.
         component: the component that is named, if any.
-        weight: for ``what_if``, the factor on that component.
+        factors: for ``what_if``, how many times as much a component counts, by name.
+        thing: what is missing.
     """
 
     kind: str
     about: list[Candidate] = field(default_factory=list)
     component: str | None = None
-    weight: float | None = None
+    factors: dict[str, float] = field(default_factory=dict)
+    thing: str = ""
 
 
 def understand(text: str, decision: Decision, words: Mapping[str, Any], before: Question | None = None) -> Question:
@@ -42,113 +79,102 @@ def understand(text: str, decision: Decision, words: Mapping[str, Any], before: 
         words: the task's wording, for what components are called.
         before: the question before this one, which "and B?" refers back to.
     """
-    said = " ".join(re.sub(r"[^\w\s.,'-]", " ", text.lower()).split())
-    about, component, weight = named(text, decision), _component(said, decision, words), _weight(said)
+    said = plain(text)
+    about, component = named(text, decision), component_in(said, decision.components, words)
     others = [candidate for candidate in about if candidate.label != SELECTED]
-
-    def asks(pattern: str) -> bool:
-        return re.search(pattern, said) is not None
-
     if thing := missing(text, decision):
-        return Question("missing", component=thing)
-    if not said or asks(r"^(help|\?)$|what can (i|you)"):
-        return Question("help")
-    if asks(r"\bwhat if\b|\bif\b|\bsuppose\b|\bimagine\b") and component and (weight is not None or asks(_COUNT)):
-        return Question("what_if", about, component, 0.0 if weight is None else weight)
-    if asks(r"\bsure\b|\bcertain|\bconfiden|\btrust\b|\breliab|\bdoubt|toss-?up|\bnoise\b|\berror\b"):
-        return Question("sure", others)
-    if asks(r"\bflip\b|change your (mind|choice)|what would it take|\brobust|how close|turn the (choice|decision)"):
-        return Question("robust", others)
-    if asks(r"q-?\s?values?\b.*(here|mean|is)|what (is|are|does) (a |the )?(q-?\s?(value|map)|value mean)|\bq-?\s?maps?\b"):
-        return Question("q_value", component=component)
-    if asks(r"\b(what|which) (were|are|other)?.*(candidates|options|alternatives|choices)|what else|list "):
-        return Question("list")
-    if asks(
-        r"\bwhy\b.*\b(not|rather|instead|over|than|and not)\b|\bcompare|\bversus\b|\bvs\b|\bdifferen|\bbetter\b|\bwrong with\b|why didn"
-    ):
-        return Question("contrastive", others or decision.alternatives[:1])
-    if asks(r"\b(which|what)\b.*(component|propert|contribut|factor|matter|mostly|most)|main reason|most important"):
-        return Question("component", others, component)
-    if component and asks(r"\bhow (much|flat|good|high|well|about)\b|\bwhat (is|about|was)\b|\bvalue\b|\brole\b|\bdid\b|\bdoes\b|how "):
-        return Question("component_of", about or [decision.selected], component)
-    if asks(r"\bwhy\b|\bexplain\b|\breason\b|\bwhat made\b|\bhow come\b|\bwhat did you (choose|pick|select)|\bwhat is selected\b"):
-        return Question("contrastive", others) if others else Question("shallow")
-    if others:
-        # "And B?": the same question, about somebody else.
-        if before is not None and before.kind not in ("help", "unknown", "list", "q_value"):
-            return Question(before.kind, others, before.component, before.weight)
+        return Question("missing", thing=thing)
+    follows = re.search(r"^(and|what about|how about|or)\b", said) is not None
+    if before is not None and follows and not re.search(r"\bwhy\b|\bif\b", said) and (again := _again(said, before, others, component)):
+        return again
+    kind = next((kind for kind, pattern in ASKS.items() if re.search(pattern, said) and _fits(kind, said, about, component)), "unknown")
+    strange = [name for name in (*words["components"], *words["other_properties"]) if name not in decision.components]
+    foreign = component_in(said, strange, words)
+    if foreign and not component and kind in ("what_if", "component_of", "meaning", "component", "unknown"):
+        return Question("no_component", component=foreign)
+    if kind == "what_if":
+        factors = factors_in(said, decision, words)
+        return Question("what_if" if factors else "scene_if", about, component, factors)
+    if kind == "contrastive":
+        one_by_one = re.search(r"\bwhy\b.*\bnot\b|n.?t\b", said)
+        if len(others) == 2 and len(about) == 2 and not one_by_one:
+            return Question("pair", others)
+        return Question("contrastive", others or decision.others[:1])
+    if kind in ("component_of", "values", "where") and not about:
+        refers = before is not None and before.about and re.search(r"\b(it|its|that|this one|there)\b", said)
+        return Question(kind, before.about if before is not None and refers else [decision.selected], component)
+    if kind == "shallow" and others:
         return Question("contrastive", others)
-    if before is not None and asks(r"^(and|what about|how about)\b") and (component or weight is not None):
-        return Question(before.kind, before.about, component or before.component, weight if weight is not None else before.weight)
-    if about and asks(r"value|how good|score|much"):
-        return Question("shallow")
-    return Question("unknown")
+    if kind == "unknown" and others:
+        return Question("contrastive", others)
+    return Question(kind, about if kind in ("component_of", "values", "where") else others, component)
 
 
-def named(text: str, decision: Decision) -> list[Candidate]:
-    """The candidates a text names: by label ("B", "pixel B"), object ("the red flat block") or part of one ("the red one")."""
-    found: list[Candidate] = []
-
-    def add(candidate: Candidate) -> None:
-        if candidate.label not in [c.label for c in found]:
-            found.append(candidate)
-
-    lowered = text.lower()
-    for candidate in decision.candidates:
-        # A one-letter label counts in capitals only, and not the article at a sentence's beginning.
-        label = re.escape(candidate.label)
-        if candidate.label == SELECTED:
-            if re.search(r"\bselected\b", lowered):
-                add(candidate)
-        elif re.search(rf"\b(?:pixel|candidate|option|spot|point|label)\s+{label.lower()}\b", lowered) or re.search(
-            rf"(?<!\w){label}(?=$|[\s?.,!)])(?! [a-z]+ (?:block|cube|bowl))", text
-        ):
-            add(candidate)
-    pool = [*decision.candidates, *(Candidate(o.object, o.object, o.values, o.pixel, None, o.object_index) for o in decision.objects)]
-    matching = [c for c in pool if c.object.lower() in lowered]
-    if not matching and not found and not missing(text, decision):
-        # "The red one", "the cube": the objects that share most of the question's words.
-        words = set(re.findall(r"[a-z]+", lowered))
-        scores = [len(words & set(c.object.lower().split())) for c in pool]
-        matching = [c for c, score in zip(pool, scores, strict=True) if score == max(scores) > 0]
-        others = [c for c in matching if c.label != SELECTED and c.object_index != decision.selected.object_index]
-        matching = [c for c in matching if c.label == SELECTED] + others[:1]
-    seen: set[tuple[str, int | None]] = {(c.object, c.object_index) for c in found}
-    for candidate in matching:
-        if (candidate.object, candidate.object_index) not in seen:
-            seen.add((candidate.object, candidate.object_index))
-            add(candidate)
-    return found
+def _fits(kind: str, said: str, about: list[Candidate], component: str | None) -> bool:
+    """Whether a pattern that matched can be meant, given who and what is named."""
+    if kind in ("component_of", "meaning"):
+        return component is not None and not (kind == "meaning" and about)
+    if kind == "values":
+        return bool(about) or re.search(r"\bit\b|\byour choice\b|\bchosen\b", said) is not None
+    if kind == "q_value":
+        return not about
+    if kind == "what_if":
+        return component is not None or re.search(r"\bif\b|\bsuppose\b|\bimagine\b|\bassum|\bwithout\b", said) is not None
+    return True
 
 
-def missing(text: str, decision: Decision) -> str | None:
-    """A thing the text names that is not in the scene ("the green cube" where no cube is green); None where there is none."""
-    names = [c.object.lower().split() for c in decision.candidates] + [o.object.lower().split() for o in decision.objects]
-    nouns = {name[-1] for name in names} | {"one", "cube", "bowl", "block"}
-    lowered = text.lower()
-    if any(" ".join(name) in lowered for name in names):
+def _again(said: str, before: Question, others: list[Candidate], component: str | None) -> Question | None:
+    """The question before, about somebody or something else: "and B?", "and 3 times as much?", "what about flatness?"."""
+    if before.kind == "pair" and others:
+        return Question("contrastive", others)
+    if before.kind not in _REPEATED:
         return None
-    for match in re.finditer(rf"\b(?:the|a|an|that)\s+((?:[a-z]+\s+){{0,2}})({'|'.join(sorted(map(re.escape, nouns)))})\b", lowered):
-        described = [word for word in match.group(1).split() if word not in _PLAIN]
-        noun = [match.group(2)] if match.group(2) != "one" else []
-        if (described or noun) and not any(set(described + noun) <= set(name) for name in names) and set(described + noun) - _PLAIN:
-            return " ".join([*described, match.group(2)])
-    return None
+    if before.kind == "what_if":
+        factor, known = _factor(said), next(iter(before.factors.values()))
+        if component is None and factor is None:
+            return None
+        names = [component] if component else list(before.factors)
+        return Question("what_if", [], names[0], dict.fromkeys(names, known if factor is None else factor))
+    if others:
+        return Question(before.kind, others, component or before.component)
+    return Question(before.kind, before.about, component) if component and before.kind in ("component_of", "meaning") else None
 
 
-def _component(said: str, decision: Decision, words: Mapping[str, Any]) -> str | None:
-    for name in decision.components:
-        calls = [name, str(words["components"].get(name, name)), *words.get("synonyms", {}).get(name, [])]
+def component_in(said: str, components: Any, words: Mapping[str, Any]) -> str | None:
+    """The first of the components that a plain text names, by its name or a synonym."""
+    for name in components:
+        calls = [name, str(words["components"].get(name, name)), *words["synonyms"].get(name, [])]
         if any(re.search(rf"\b{re.escape(call.lower())}\b", said) for call in calls):
-            return name
+            return str(name)
     return None
 
 
-def _weight(said: str) -> float | None:
-    number = re.search(r"(\d+(?:[.,]\d+)?)\s*(?:times|x\b|×|as much)", said)
+def factors_in(said: str, decision: Decision, words: Mapping[str, Any]) -> dict[str, float]:
+    """How many times as much each component counts in a supposition: one clause at a time, so that two can change."""
+    factors: dict[str, float] = {}
+    for clause in re.split(r",(?!\d)|\band\b|\bbut\b|\bwhile\b", said):
+        name = component_in(clause, decision.components, words)
+        if name is None:
+            continue
+        if re.search(r"\b(only|just|nothing but|alone)\b", clause):
+            return {other: 0.0 for other in decision.components if other != name}
+        factor = _factor(clause)
+        if factor is None and re.search(_WEIGHED, clause):
+            continue
+        if factor is not None:
+            factors[name] = factor
+    if not factors and (name := component_in(said, decision.components, words)) and (factor := _factor(said)) is not None:
+        factors[name] = factor
+    return factors
+
+
+def _factor(said: str) -> float | None:
+    if share := re.search(r"(\d+(?:[.,]\d+)?)\s*(?:%|percent)\s*(more|less)?", said):
+        amount = float(share.group(1).replace(",", ".")) / 100
+        return {"more": 1 + amount, "less": max(0.0, 1 - amount)}.get(share.group(2), amount)
+    number = re.search(r"(-?\d+(?:[.,]\d+)?)\s*(?:times|x\b|as much)", said)
     if number:
         return float(number.group(1).replace(",", "."))
-    for word, factor in _FACTORS.items():
-        if re.search(rf"\b{word}\b|\b{word}d\b", said) or (word == "not" and re.search(r"n't|no longer|ignor|without", said)):
-            return factor
-    return None
+    if word := re.search(rf"\b({'|'.join(NUMBERS)}) times\b", said):
+        return float(NUMBERS.index(word.group(1)))
+    return next((factor for pattern, factor in _FACTORS.items() if re.search(pattern, said)), None)

@@ -6,10 +6,11 @@ import math
 from typing import Any
 
 from xqmap.errors import UserError
-from xqmap.explanations.decision import SELECTED, Candidate, Decision, ObjectValue
+from xqmap.explanations.decision import SELECTED, Candidate, Decision
 
 _LONGEST_NAME = 200
-_MOST = 1000
+# Of entries in a list: what can still be read by a person, and drawn.
+_MOST = {"components": 32, "candidates": 33, "objects": 1000}
 _LARGEST_VALUE = 1e9
 
 
@@ -49,6 +50,9 @@ def parse(content: Any, source: str) -> Decision:
             raise wrong(place, f"must be a list of {count} numbers")
         return tuple(number(v, f"{place}[{i}]") for i, v in enumerate(value))
 
+    def whole(value: Any) -> int | None:
+        return value if isinstance(value, int) and not isinstance(value, bool) and abs(value) < 2**53 else None
+
     if not isinstance(content, dict):
         raise wrong("the file", "must hold a JSON object with task, components and candidates")
     for key in ("task", "components", "candidates"):
@@ -57,20 +61,16 @@ def parse(content: Any, source: str) -> Decision:
     for key in ("components", "candidates"):
         if not isinstance(content[key], list) or not content[key]:
             raise wrong(key, "must be a list that is not empty")
-        if len(content[key]) > _MOST:
-            raise wrong(key, f"has more than {_MOST} entries")
+        if len(content[key]) > _MOST[key]:
+            raise wrong(key, f"has more than {_MOST[key]} entries")
     components = tuple(text(name, f"components[{i}]") for i, name in enumerate(content["components"]))
     if len(set(components)) < len(components):
         raise wrong("components", "names one twice")
 
-    candidates: list[Candidate] = []
-    for i, entry in enumerate(content["candidates"]):
-        place = f"candidates[{i}]"
+    def candidate(entry: Any, place: str, known_as: str) -> Candidate:
         if not isinstance(entry, dict):
-            raise wrong(place, "must be an object with label, object and values")
-        label = text(entry.get("label"), f"{place}.label")
-        if label in {candidate.label for candidate in candidates}:
-            raise wrong(f"{place}.label", f"repeats {label!r}")
+            raise wrong(place, f"must be an object with {known_as} and values")
+        thing = text(entry.get("object"), f"{place}.object")
         values = entry.get("values")
         if not isinstance(values, dict):
             raise wrong(f"{place}.values", "must be an object with a number per component")
@@ -80,41 +80,38 @@ def parse(content: Any, source: str) -> Decision:
         for name in values:
             if name not in components:
                 raise wrong(f"{place}.values", f"has {name!r}, which is not among the components")
-        pixel = numbers(entry.get("pixel"), 2, f"{place}.pixel")
-        position = numbers(entry.get("position"), 3, f"{place}.position")
-        index = entry.get("object_index")
-        candidates.append(
-            Candidate(
-                label,
-                text(entry.get("object"), f"{place}.object"),
-                {name: number(values[name], f"{place}.values.{name}") for name in components},
-                (int(pixel[0]), int(pixel[1])) if pixel else None,
-                (position[0], position[1], position[2]) if position else None,
-                index if isinstance(index, int) and not isinstance(index, bool) else None,
-            )
+        pixel, position = numbers(entry.get("pixel"), 2, f"{place}.pixel"), numbers(entry.get("position"), 3, f"{place}.position")
+        if pixel and min(pixel) < 0:
+            raise wrong(f"{place}.pixel", "must be a row and a column from 0 on")
+        return Candidate(
+            text(entry.get("label"), f"{place}.label") if "label" in known_as else thing,
+            thing,
+            {name: number(values[name], f"{place}.values.{name}") for name in components},
+            (int(pixel[0]), int(pixel[1])) if pixel else None,
+            (position[0], position[1], position[2]) if position else None,
+            whole(entry.get("object_index")),
         )
+
+    candidates: list[Candidate] = []
+    for i, entry in enumerate(content["candidates"]):
+        read = candidate(entry, f"candidates[{i}]", "label, object")
+        if read.label in {known.label for known in candidates}:
+            raise wrong(f"candidates[{i}].label", f"repeats {read.label!r}")
+        candidates.append(read)
     if SELECTED not in {candidate.label for candidate in candidates}:
         raise wrong("candidates", f"has none with the label {SELECTED!r}")
     candidates.sort(key=lambda candidate: candidate.label != SELECTED)
-    objects: list[ObjectValue] = []
-    for i, entry in enumerate(content.get("objects") or [] if isinstance(content.get("objects", []), list) else []):
-        place = f"objects[{i}]"
-        if i >= _MOST:
-            raise wrong("objects", f"has more than {_MOST} entries")
-        if not isinstance(entry, dict) or not isinstance(entry.get("values"), dict) or set(entry["values"]) != set(components):
-            raise wrong(place, "must be an object with object, pixel and a number per component in values")
-        pixel = numbers(entry.get("pixel"), 2, f"{place}.pixel") or (0.0, 0.0)
-        values = {name: number(entry["values"][name], f"{place}.values.{name}") for name in components}
-        index = entry.get("object_index")
-        index = index if isinstance(index, int) and not isinstance(index, bool) else -1
-        objects.append(ObjectValue(text(entry.get("object"), f"{place}.object"), index, (int(pixel[0]), int(pixel[1])), values))
+    listed = content.get("objects") or []
+    if not isinstance(listed, list) or len(listed) > _MOST["objects"]:
+        raise wrong("objects", f"must be a list of at most {_MOST['objects']} entries")
+    objects = [candidate(entry, f"objects[{i}]", "object") for i, entry in enumerate(listed)]
     seed, step, noise = content.get("scene_seed"), content.get("step"), content.get("noise")
     return Decision(
         text(content["task"], "task"),
         components,
         candidates,
-        scene_seed=seed if isinstance(seed, int) and not isinstance(seed, bool) else None,
-        objects=objects,
-        step=step if isinstance(step, int) and not isinstance(step, bool) else 0,
+        scene_seed=whole(seed),
+        objects=sorted(objects, key=lambda thing: -thing.overall),
+        step=whole(step) or 0,
         noise={name: abs(number(noise[name], f"noise.{name}")) for name in components if name in noise} if isinstance(noise, dict) else {},
     )

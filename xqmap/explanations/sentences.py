@@ -11,7 +11,7 @@ from omegaconf import OmegaConf
 
 import conf
 from xqmap.explanations import contrast
-from xqmap.explanations.decision import SELECTED, Decision
+from xqmap.explanations.decision import SELECTED, Candidate, Decision, together
 
 WORDING = Path(conf.__path__[0]) / "explain" / "wording"
 
@@ -50,110 +50,167 @@ def write(decision: Decision, wording: Mapping[str, Any] | None = None) -> dict[
         wording: templates; those of the decision's task when not given.
 
     Returns:
-        ``{"shallow": str, "contrastive": [one per alternative], "robustness": str}``.
+        ``{"shallow": str, "contrastive": [str], "robustness": str}``. The contrastive ones go by candidate; candidates on the chosen object
+        share one. The best other object has one where no candidate is elsewhere, and where it is within the values' typical error.
     """
     words = dict(wording) if wording is not None else wording_for(decision.task)
-    return {
-        "shallow": shallow(decision, words),
-        "contrastive": [contrastive(decision, SELECTED, other.label, words) for other in decision.alternatives],
-        "robustness": robustness(decision),
-    }
+    elsewhere = [c for c in decision.alternatives if not decision.same(SELECTED, c.label)]
+    said = [_agreeing(decision, words)] if len(elsewhere) < len(decision.alternatives) and len(decision.components) > 1 else []
+    best = decision.others[:1]
+    close = [o for o in best if decision.selected.overall - o.overall <= decision.error and not any(together(o, c) for c in elsewhere)]
+    elsewhere += close if elsewhere else best
+    said += [contrastive(decision, decision.selected, other, words) for other in elsewhere]
+    return {"shallow": shallow(decision, words), "contrastive": said, "robustness": robustness(decision, words)}
 
 
 def shallow(decision: Decision, words: Mapping[str, Any]) -> str:
     """Why this one: the object with the highest overall value and the component that contributes most."""
-    chosen, best = decision.selected, decision.shallow
-    return words["shallow"].format(
-        verb=words["verb"],
-        object=chosen.object,
-        overall=number(chosen.overall),
-        component=_phrase(best, words),
-        value=number(chosen.values[best]),
-    )
+    chosen = decision.selected
+    names = {"verb": words["verb"], "object": the(chosen.object), "overall": number(chosen.overall)}
+    if better := [c for c in decision.alternatives if number(c.overall) != number(chosen.overall) and c.overall > chosen.overall]:
+        return words["shallow_not_highest"].format(**names, other=listed([f"{the(c.object)} ({c.label})" for c in better]))
+    if len(decision.components) == 1:
+        return words["shallow_single"].format(**names)
+    first, second = sorted(decision.components, key=lambda name: -chosen.values[name])[:2]
+    names |= {"Component": sentence(phrase(first, words)), "value": number(chosen.values[first])}
+    names |= {"second": phrase(second, words), "second_value": number(chosen.values[second])}
+    close = chosen.values[first] - chosen.values[second] <= decision.error > 0
+    return sentence(words["shallow_close" if close else "shallow"].format(**names))
 
 
-def contrastive(decision: Decision, first: str, second: str, words: Mapping[str, Any]) -> str:
-    """Why the candidate ``first`` and not ``second``: through which properties it wins, through which it does not, what would turn it.
+def contrastive(decision: Decision, first: Candidate, second: Candidate, words: Mapping[str, Any]) -> str:
+    """Why ``first`` and not ``second``: through which properties it wins, through which it does not, and what would turn it.
 
-    Where the two coincide, are equal or differ by less than the values' typical error, the sentence says that instead.
+    Where the two coincide, are equal or differ by no more than the values' typical error, the sentence says that instead.
     """
-    a, b = decision[first], decision[second]
-    names = {"verb": words["verb"], "object": a.object, "other": b.object, "label": second}
-    if b.label == b.object:
-        # An object that is no candidate goes by its name alone.
-        words = {key: value.replace(" ({label})", "") if isinstance(value, str) else value for key, value in words.items()}
-    if a.pixel is not None and a.pixel == b.pixel:
-        own = [_phrase(c, words) for k, c in enumerate(decision.components) if _labels(decision, k) == second] or ["one component"]
-        return words["same_pixel"].format(**names, labels=second, are="is", component=listed(own))
-    if decision.same(first, second):
-        return words["same_object"].format(**names, labels=second, lie="lies")
-    delta = decision.rdx(first, second)
+    chose = first.label == SELECTED
+    if together(first, second):
+        template = words["same_pixel" if first.pixel == second.pixel and first.pixel is not None else "same_object"]
+        return sentence(template.format(object=the(first.object), label=second.label, first=_called(first)))
+    delta = contrast.rdx(first.values, second.values)
     gap = sum(delta.values())
-    if gap < 0:
+    if gap < 0 and not chose:
         return contrastive(decision, second, first, words)
-    if decision.within_noise(first, second):
-        error = math.hypot(*(decision.noise.get(name, 0.0) for name in decision.components))
-        template = "within_noise" if error > 0 else "equal"
-        return words[template].format(**names, gap=number(gap), error=number(error))
+    names = {
+        "verb": words["verb"],
+        "object": the(first.object),
+        "first": _called(first),
+        "other": _other(first, second),
+        "labeled": _called(second, _other(first, second)),
+        "gap": number(abs(gap)),
+        "error": number(decision.error),
+    }
+    if number(gap) == "0.00":
+        return sentence(words["equal"].format(**names))
+    if abs(gap) <= decision.error:
+        return sentence(words["within_noise"].format(**names))
+    if len(delta) == 1:
+        return sentence(words["single" if gap > 0 else "lower_single"].format(**names))
     pro = sorted((n for n in delta if signed(delta[n]).startswith("+")), key=lambda n: -delta[n])
     con = sorted((n for n in delta if signed(delta[n]).startswith("-")), key=lambda n: delta[n])
-    if not pro:
-        return words["equal"].format(**names)
-    text = words["contrastive_both" if con else "contrastive"].format(
+    if gap < 0:
+        pro, con = con, pro
+    kind = "lower" if gap < 0 else "contrastive" if chose else "pair"
+    text = words[f"{kind}_both" if con else kind].format(
         **names,
-        pro=listed([_phrase(n, words) for n in pro]),
+        pro=listed([phrase(n, words) for n in pro]),
         speaks_for="speaks" if len(pro) == 1 else "speak",
         pro_values=listed([signed(delta[n]) for n in pro]),
-        con=listed([_phrase(n, words) for n in con]) if con else "",
+        con=listed([phrase(n, words) for n in con]) if con else "",
         speaks_against="speaks" if len(con) == 1 else "speak",
         con_values=listed([signed(delta[n]) for n in con]) if con else "",
     )
-    return " ".join([text, *_enough(delta, len(pro), words), _turn(delta, b.object, words)])
+    more = [] if gap < 0 else [*_enough(delta, len(pro), words), turn(delta, names["other"], words)]
+    return " ".join(sentence(part) for part in [text, *more])
 
 
-def robustness(decision: Decision) -> str:
+def robustness(decision: Decision, words: Mapping[str, Any]) -> str:
     """How far the weights would have to move, together, for another object to be chosen."""
+    if len(decision.components) == 1:
+        return str(words["robust_single"])
     found = decision.robustness()
     if found is None:
-        return "There is no other object that a change of weights could turn the choice to."
+        return str(words["robust_alone"])
     distance, name = found
+    other = the(name) if name != decision.selected.object else f"another {name}"
     if not math.isfinite(distance):
-        return f"The {name} has the same values, so no change of weights tells the two apart."
-    return f"The smallest joint change of the weights that would turn the choice, to the {name}, has the size {number(distance)}."
+        return sentence(words["robust_never"].format(other=other))
+    return sentence(words["robust"].format(other=other, distance=number(abs(distance))))
+
+
+def turn(delta: Mapping[str, float], other: str, words: Mapping[str, Any]) -> str:
+    """What it would take: the weight of one component at which the other would be just as good."""
+    found = contrast.nearest_flip(delta)
+    if found is None:
+        return str(words["no_flip"]).format(other=other)
+    return str(words["flip"]).format(component=phrase(found[0], words), counted=counted(found[1]), other=other)
+
+
+def counted(weight: float) -> str:
+    """How much a component counts, in words: "did not count", "counted half as much", "counted 1.30 times as much"."""
+    known = {"0.00": "did not count", "0.50": "counted half as much", "2.00": "counted twice as much"}
+    return known.get(number(weight), f"counted {number(weight)} times as much")
+
+
+def phrase(component: str, words: Mapping[str, Any]) -> str:
+    """What a component is called in a sentence."""
+    return str(words["components"].get(component, component))
+
+
+def the(thing: str) -> str:
+    """A thing's name with its article."""
+    return thing if thing.startswith(("the ", "a ", "an ", "another ")) else f"the {thing}"
+
+
+def sentence(text: str) -> str:
+    """With a capital at its beginning."""
+    return text[:1].upper() + text[1:]
+
+
+def _called(candidate: Candidate, name: str = "") -> str:
+    """A candidate by its object and label, like "the ground (A)"; an object that is no candidate goes by its name alone."""
+    name = name or the(candidate.object)
+    return name if candidate.label in (SELECTED, candidate.object) else f"{name} ({candidate.label})"
+
+
+def _other(first: Candidate, second: Candidate) -> str:
+    if first.object != second.object:
+        return the(second.object)
+    return f"another spot of {the(second.object)}" if second.object_index is None else f"another {second.object}"
+
+
+def _agreeing(decision: Decision, words: Mapping[str, Any]) -> str:
+    """One sentence on all candidates that lie on the chosen object."""
+    chosen, others = decision.selected, decision.alternatives
+    whose = dict(zip((c.label for c in others), decision.components, strict=False)) if len(others) == len(decision.components) else {}
+    here = [c for c in others if decision.same(SELECTED, c.label)]
+    spots = [f"{phrase(whose[c.label], words)} ({c.label})" if c.label in whose else f"({c.label})" for c in here]
+    exact = all(c.pixel is not None and c.pixel == chosen.pixel for c in here)
+    template = words["agreeing_spot" if exact else "agreeing"]
+    many = len(here) > 1
+    return sentence(
+        str(template).format(
+            verb=words["verb"],
+            object=the(chosen.object),
+            spots=listed(spots),
+            spot="spots" if many else "spot",
+            are="are" if many else "is",
+            lie="lie" if many else "lies",
+            components=listed([phrase(whose.get(c.label, c.label), words) for c in here]),
+            agree="agree" if many else "agrees",
+        )
+    )
 
 
 def _enough(delta: Mapping[str, float], reasons: int, words: Mapping[str, Any]) -> list[str]:
     """With more than two components: the smallest sufficient set of reasons, where it is smaller than all of them."""
-    if len(delta) <= 2:
+    if len(delta) <= 2 or not any(value < 0 for value in delta.values()):
         return []
     plus, minus = contrast.msx(delta)
-    if not minus and not any(value < 0 for value in delta.values()):
-        return []
     said = []
     if plus and len(plus) < reasons:
-        said.append(
-            words["msx"].format(plus=listed([_phrase(n, words) for n in plus]), outweighs="outweighs" if len(plus) == 1 else "outweigh")
-        )
+        own, outweighs = ("its own", "outweighs") if len(plus) == 1 else ("their own", "outweigh")
+        said.append(words["msx"].format(own=own, plus=listed([phrase(n, words) for n in plus]), outweighs=outweighs))
     if minus:
-        said.append(
-            words["msx_minus"].format(plus=listed([_phrase(n, words) for n in plus]), minus=listed([_phrase(n, words) for n in minus]))
-        )
+        said.append(words["msx_minus"].format(minus=listed([phrase(n, words) for n in minus])))
     return said
-
-
-def _turn(delta: Mapping[str, float], other: str, words: Mapping[str, Any]) -> str:
-    found = contrast.nearest_flip(delta)
-    if found is None:
-        return words["no_flip"].format(other=other)
-    component, weight = found
-    return words["flip"].format(component=_phrase(component, words), weight=number(weight), other=other)
-
-
-def _phrase(component: str, words: Mapping[str, Any]) -> str:
-    return str(words["components"].get(component, component))
-
-
-def _labels(decision: Decision, k: int) -> str:
-    """The label of the k-th component's own candidate, where the decision has one per component."""
-    others = decision.alternatives
-    return others[k].label if len(others) == len(decision.components) else ""

@@ -1,0 +1,120 @@
+"""A decision as files: ``decision.json``, which says everything in numbers and words, and the maps as ``decision.npz`` beside it."""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from xqmap.checkpoint import write_atomically
+from xqmap.errors import UserError
+from xqmap.explanations import contrast
+from xqmap.explanations.decision import Candidate, Decision
+from xqmap.explanations.perception import Scene
+from xqmap.explanations.reading import parse
+
+# Larger files are not ours; bytes, before and after decompression.
+_LARGEST_FILE = 50_000_000
+_LARGEST_MAPS = 500_000_000
+# How far a candidate's value may be from the single-precision map beside it.
+_TOLERANCE = 1e-4
+
+
+def content(decision: Decision, wording: Any = None) -> dict[str, Any]:
+    """The content of ``decision.json``: plain values; overall values, RDX, MSX and sentences are derived."""
+    msx = []
+    for first, second in decision.pairs:
+        delta = decision.rdx(first, second)
+        pair = (first, second) if sum(delta.values()) >= 0 else (second, first)
+        plus, minus = contrast.msx(decision.rdx(*pair))
+        msx.append({"pair": list(pair), "plus": plus, "minus": minus})
+    result: dict[str, Any] = {
+        "task": decision.task,
+        "scene_seed": decision.scene_seed,
+        "step": decision.step,
+        "components": list(decision.components),
+        "candidates": [{"label": c.label} | _plain(c) for c in decision.candidates],
+        "objects": [_plain(thing) for thing in decision.objects],
+        "rdx": [{"pair": [a, b], "values": decision.rdx(a, b)} for a, b in decision.pairs],
+        "msx": msx,
+        "noise": decision.noise,
+        "sentences": decision.sentences(wording),
+    }
+    if decision.scene is not None:
+        scene = decision.scene
+        result["scene"] = {"names": scene.names, "background": scene.background, "bounds": np.asarray(scene.bounds).tolist()}
+    return result
+
+
+def save(decision: Decision, path: Path, wording: Any = None) -> list[Path]:
+    """Writes the decision file, and the maps beside it where the decision has them."""
+    write_atomically(path, (json.dumps(content(decision, wording), indent=1, allow_nan=False) + "\n").encode())
+    if decision.maps is None or decision.scene is None or decision.heightmap is None:
+        return [path]
+    beside, buffer = path.with_suffix(".npz"), io.BytesIO()
+    np.savez_compressed(
+        buffer,
+        maps=decision.maps.astype(np.float32),
+        color=decision.heightmap[:3].astype(np.uint8),
+        height=decision.heightmap[3].astype(np.float32),
+        cells=decision.scene.cells.astype(np.int16),
+    )
+    write_atomically(beside, buffer.getvalue())
+    return [path, beside]
+
+
+def load(path: Path) -> Decision:
+    """Reads what :func:`save` wrote, or any decision file; see :meth:`Decision.load`."""
+    try:
+        if path.stat().st_size > _LARGEST_FILE:
+            raise UserError(f"{path}: larger than {_LARGEST_FILE // 1_000_000} MB, which no decision is")
+        read = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise UserError(f"{path}: there is no such file; give decision=FILE.json") from None
+    except (UnicodeDecodeError, ValueError, RecursionError) as error:
+        raise UserError(f"{path}: not JSON ({str(error)[:80]})") from None
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read ({error.strerror})") from None
+    decision, beside = parse(read, str(path)), path.with_suffix(".npz")
+    if "scene" in read and beside.exists():
+        _add_maps(decision, read["scene"], beside)
+    return decision
+
+
+def _add_maps(decision: Decision, scene: Any, beside: Path) -> None:
+    """Puts the maps back, if they are those of this decision; its values are taken from them again."""
+    try:
+        with zipfile.ZipFile(beside) as packed:
+            if sum(entry.file_size for entry in packed.infolist()) > _LARGEST_MAPS:
+                raise UserError(f"{beside}: larger than {_LARGEST_MAPS // 1_000_000} MB, which no maps are")
+        with np.load(beside, allow_pickle=False) as arrays:
+            maps, color, height, cells = (arrays[name] for name in ("maps", "color", "height", "cells"))
+        names = [str(name)[:200] for name in scene["names"]]
+        bounds = np.array(scene["bounds"], dtype=float)
+        rows, columns = cells.shape
+        fits = maps.shape == (len(decision.components), rows, columns) and color.shape == (3, rows, columns) and height.shape == cells.shape
+        fits = fits and bounds.shape == (3, 2) and bool(np.isfinite(bounds).all() and np.isfinite(height).all())
+        fits = fits and int(cells.min()) >= -1 and int(cells.max()) < len(names) and not np.isinf(maps).any()
+        for candidate in decision.candidates:
+            stored = maps[:, candidate.pixel[0], candidate.pixel[1]] if fits and candidate.pixel else np.array([np.inf])
+            fits = fits and bool(np.allclose(stored, list(candidate.values.values()), atol=_TOLERANCE, rtol=_TOLERANCE))
+    except (OSError, ValueError, KeyError, IndexError, TypeError, AttributeError, zipfile.BadZipFile) as error:
+        raise UserError(
+            f"{beside}: not the maps of a decision ({type(error).__name__}); without it the numbers alone are explained"
+        ) from None
+    if not fits:
+        raise UserError(f"{beside}: does not belong to the decision beside it; without it the numbers alone are explained")
+    decision.maps = maps.astype(float)
+    decision.heightmap = np.concatenate((color.astype(np.float32), height[None].astype(np.float32)))
+    decision.scene = Scene(names, cells.astype(int), str(scene["background"])[:200], bounds.tolist(), decision.heightmap[3])
+
+
+def _plain(candidate: Candidate) -> dict[str, Any]:
+    result: dict[str, Any] = {"object": candidate.object}
+    result |= {"pixel": list(candidate.pixel)} if candidate.pixel is not None else {}
+    result |= {"position": list(candidate.position)} if candidate.position is not None else {}
+    return result | {"values": candidate.values, "overall": candidate.overall, "object_index": candidate.object_index}

@@ -1,0 +1,109 @@
+"""Who a text speaks of: labels ("B", "pixel B"), objects ("the red flat block"), parts of names ("the red one"), things not there."""
+
+from __future__ import annotations
+
+import re
+
+from xqmap.explanations.decision import SELECTED, Candidate, Decision
+
+# Words that describe no thing.
+_PLAIN = frozenset(
+    ("other", "chosen", "selected", "best", "next", "first", "second", "same", "right", "left", "which", "one", "another", "any", "only")
+)
+COLORS = frozenset(("red", "orange", "yellow", "green", "blue", "purple", "gray", "black", "white", "brown", "pink"))
+_VERBS = r"vs|versus|or|and|is|was|has|instead|rather|better|over"
+
+
+def plain(text: str) -> str:
+    """Lower case, without signs that carry no meaning in a question."""
+    return " ".join(re.sub(r"[^\w\s.,%'-]", " ", text.lower().replace("’", "'")).split()).rstrip(" .,")
+
+
+def named(text: str, decision: Decision) -> list[Candidate]:
+    """The candidates and objects that a text names, in the decision's order."""
+    lowered = text.lower()
+    labels = [candidate for candidate in decision.candidates if _says_label(text, candidate.label)]
+    pool = [*decision.candidates, *decision.objects]
+    # The longest names first, so that "red cube" is not looked for within "dark red cube".
+    rest, whole = lowered, []
+    for name in sorted({candidate.object.lower() for candidate in pool}, key=len, reverse=True):
+        if re.search(rf"(?<!\w){re.escape(name)}s?(?!\w)", rest):
+            whole.append(name)
+            rest = rest.replace(name, " ; ")
+    matching = [_meant([c for c in pool if c.object.lower() == name], decision) for name in whole]
+    nouns = {candidate.object.lower().split()[-1] for candidate in pool} | {"one"}
+    for words in _phrases(rest, nouns) if missing(text, decision) is None else []:
+        # "The red one", "the cube": the objects whose names hold most of these words.
+        scores = [len(words & set(candidate.object.lower().split())) for candidate in pool]
+        if best := [c for c, score in zip(pool, scores, strict=True) if score == max(scores) > 0]:
+            matching.append(_meant(best, decision))
+    found = list(labels)
+    for candidate in matching:
+        if not any(candidate is known or _one(candidate, known) for known in found):
+            found.append(candidate)
+    return sorted(found, key=lambda candidate: next((i for i, c in enumerate(pool) if c is candidate), 0))
+
+
+def missing(text: str, decision: Decision) -> str | None:
+    """A thing the text names that is not in the scene ("the green cube" where no cube is green); None where there is none."""
+    names = [candidate.object.lower().split() for candidate in (*decision.candidates, *decision.objects)]
+    nouns = {name[-1] for name in names} | {"one", "cube", "bowl", "block"}
+    lowered = text.lower()
+    if any(" ".join(name) in lowered for name in names):
+        return None
+    for match in re.finditer(rf"\b(?:the|a|an|that)\s+((?:[a-z]+\s+){{0,2}})({'|'.join(sorted(map(re.escape, nouns)))})\b", lowered):
+        described = [word for word in match.group(1).split() if word not in _PLAIN]
+        thing = [*described, *([match.group(2)] if match.group(2) != "one" else [])]
+        if thing and not any(set(thing) <= set(name) for name in names):
+            return " ".join([*described, match.group(2)])
+    if (bare := re.search(r"\bnot ([a-z]+)\W*$", lowered)) and bare.group(1) in COLORS and not any(bare.group(1) in name for name in names):
+        return f"{bare.group(1)} thing"
+    return None
+
+
+def _phrases(text: str, nouns: set[str]) -> list[set[str]]:
+    """The words between a determiner and the noun it belongs to, or the sentence's end: {red, block}, {red}, {bowl}."""
+    found = []
+    for match in re.finditer(r"\b(?:the|that|an?|another|other|any|not|than|over|about|versus|or|and)\s+((?:[a-z]+[\s?.!,]*){1,4})", text):
+        words: set[str] = set()
+        for word in re.findall(r"[a-z]+", match.group(1)):
+            words.add(_singular(word))
+            if _singular(word) in nouns:
+                break
+        else:
+            # Without a noun it is a description only where nothing else follows: "why not red?"
+            words = words if len(words) == 1 and match.end() >= len(text.rstrip()) else set()
+        if words - _PLAIN:
+            found.append(words - _PLAIN)
+    return found
+
+
+def _says_label(text: str, label: str) -> bool:
+    if label == SELECTED:
+        return re.search(r"\bselected\b|\byour choice\b|\bthe chosen (one|spot|pixel|object)\b", text.lower()) is not None
+    own, small = re.escape(label), re.escape(label.lower())
+    if re.search(rf"\b(?:pixel|candidate|option|spot|point|label|action)\s+{small}(?!\w)", text.lower()):
+        return True
+    if label == "I":
+        return False
+    # In small letters only where no article can stand: at the end, before a sign, or before "or", "instead", …
+    if re.search(rf"(?<![\w'’])(?i:{small})(?=\s*(?:[?.,!)]|$|(?:{_VERBS})\b))", text):
+        return True
+    # At the beginning of a sentence, "A" may be the article too.
+    return re.search(rf"(?<![\w'’]){own}(?![\w'’])(?!\s+[a-z]+\s+[a-z]+)|(?<=\w\s){own}(?![\w'’])", text) is not None
+
+
+def _meant(same: list[Candidate], decision: Decision) -> Candidate:
+    """Of things that answer to one name: the selected one if it is the only one, else the best that was not chosen."""
+    apart = [c for c in same if c.label != SELECTED and not _one(c, decision.selected)]
+    candidates = [c for c in apart if c in decision.candidates]
+    return (candidates or sorted(apart, key=lambda c: -c.overall) or same)[0]
+
+
+def _one(first: Candidate, second: Candidate) -> bool:
+    """Whether two entries are the same thing, as a candidate and as an object."""
+    return first.object == second.object and first.object_index == second.object_index
+
+
+def _singular(word: str) -> str:
+    return word[:-1] if word.endswith("s") and len(word) > 3 else word
