@@ -9,6 +9,10 @@ class WorldError(UserError):
     """The simulator failed or did not come to an end; the message says where."""
 
 
+class WorkerLost(WorldError):
+    """A process that simulates beside the training came to an end; the message says which and how."""
+
+
 class Stopped(KeyboardInterrupt):
     """A signal asked to stop at once; ``number`` is the signal's."""
 

@@ -69,8 +69,10 @@ class Exploration:
 
 @dataclass
 class Collector:
-    name: str = MISSING
+    name: str = _one_of("single", "parallel", "ray")
+    workers: int = _bounded(1, 1000)
     frames_per_batch: int = _bounded(1)
+    episodes_per_batch: int = _bounded(1)
 
 
 @dataclass

@@ -16,12 +16,11 @@ from omegaconf import DictConfig, OmegaConf
 from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import TensorDictSequential
 from torch import Tensor
-from torchrl.collectors import Collector
 from torchrl.objectives import HardUpdate
 from tqdm import tqdm
 
-from xqmap import build, checkpoint, keys, randomness
-from xqmap.errors import Stopped, UserError
+from xqmap import build, checkpoint, collect, keys, randomness
+from xqmap.errors import Stopped, UserError, WorkerLost
 from xqmap.evaluation import training_scenes
 from xqmap.explanations import Decision, plots
 from xqmap.explanations.perception import Scene
@@ -85,13 +84,8 @@ class Trainer:
             return self.greedy
         drawn = randomness.states(self._generators())
         explored = self.exploration.frames.clone()
-        collector = Collector(
-            self.env,
-            TensorDictSequential(self.greedy, self.exploration),
-            frames_per_batch=self.cfg.collector.frames_per_batch,
-            total_frames=-1,
-            trust_policy=True,
-        )
+        policy, alone = TensorDictSequential(self.greedy, self.exploration), self.cfg.collector.name == "single"
+        collector = collect.collector(self.cfg, self.env, policy, self.frames)
         # A new collector tries the policy once; that must not use up random numbers, or a resumed run would differ.
         self.exploration.frames.copy_(explored)
         randomness.restore(drawn, self._generators())
@@ -99,8 +93,11 @@ class Trainer:
         start, already = time.perf_counter(), self.frames
         try:
             with tqdm(total=self.cfg.trainer.frames, initial=already, unit="decision", desc="training", mininterval=1.0) as bar:
-                for batch in collector:
+                for batch in collect.batches(collector):
                     row = self._step(batch.reshape(-1))
+                    if not alone:
+                        self.exploration.frames.fill_(self.frames)
+                        collect.share(collector, policy)
                     row["seconds"] = time.perf_counter() - start
                     self.log.row(row)
                     if self.frames >= self.next_picture:
@@ -112,10 +109,13 @@ class Trainer:
                         self.save()
                     if over:
                         break
+        except WorkerLost:
+            self.save()
+            raise
         finally:
             for number, handler in handlers.items():
                 signal.signal(number, handler)
-            collector.shutdown(close_env=False)
+            collect.close(collector, alone)
             self.log.close()
         return self.greedy
 

@@ -1,0 +1,140 @@
+"""Workers make decisions with the weights the trainer has now, in scenes of their own, and their end is one clear line."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from functools import partial
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+from omegaconf import DictConfig
+from tensordict.nn import TensorDictSequential
+
+from tests.test_training import train
+from xqmap import build, checkpoint, collect
+from xqmap.errors import UserError, WorkerLost
+from xqmap.models.policy import GreedyPolicy
+from xqmap.trainer import Trainer
+
+pytestmark = [pytest.mark.sim, pytest.mark.usefixtures("trust_toy"), pytest.mark.filterwarnings("ignore")]
+make_env = build.make_env
+
+
+def trusted_env(cfg: DictConfig, first_scene: int) -> Any:
+    """Runs in the worker, where no fixture reaches."""
+    build.TRUSTED = (*build.TRUSTED, "tests.")
+    return make_env(cfg, first_scene)()
+
+
+@pytest.fixture
+def config(toy_config: Callable[..., DictConfig], monkeypatch: pytest.MonkeyPatch) -> Callable[..., DictConfig]:
+    monkeypatch.setattr(build, "make_env", lambda cfg, first_scene: partial(trusted_env, cfg, first_scene))
+    return lambda *overrides: toy_config("collector=parallel", "collector.frames_per_batch=2", *overrides)
+
+
+def test_workers_get_new_weights_and_see_different_scenes(config: Callable[..., DictConfig]) -> None:
+    cfg = config()
+    env = make_env(cfg, 0)()
+    network = build.qmaps(cfg, env.grid.pixel_size)
+    policy = TensorDictSequential(GreedyPolicy(network), build.exploration(cfg))
+    source = collect.collector(cfg, env, policy, made=0)
+    try:
+        with torch.no_grad():
+            for parameter in network.parameters():
+                parameter.normal_(0, 0.1)
+        collect.share(source, policy)
+        seen, agree = [], False
+        for count, batch in enumerate(collect.batches(source)):
+            assert bool(batch["next", "done"][-1])
+            seen.append(batch["heightmap"][:, :3].amax((1, 2, 3)))
+            with torch.no_grad():
+                expected = network(batch.select("heightmap", "action"))["chosen_component_value"]
+            agree = agree or torch.allclose(batch["chosen_component_value"], expected, atol=1e-4)
+            if count == 4:
+                break
+        assert agree
+        assert len(torch.cat(seen).unique()) > 4
+    finally:
+        collect.close(source, alone=False)
+
+
+def test_a_parallel_run_trains_goes_on_and_loses_nothing_stored(config: Callable[..., DictConfig], run_directory: Path) -> None:
+    first = train(config("trainer.frames=24"), run_directory)
+    stored = len(first.replay)
+    assert first.frames == stored >= 24
+    assert first.updates > 0
+    tensors, facts = checkpoint.read_training(run_directory)
+    facts["config"]["trainer"]["frames"] = 40
+    second = Trainer(config("trainer.frames=40"), run_directory, (tensors, facts))
+    assert len(second.replay) == stored
+    second.run()
+    second.close()
+    assert len(second.replay) == second.frames >= 40
+
+
+def test_a_dead_worker_is_named_and_what_was_learned_is_saved(config: Callable[..., DictConfig], run_directory: Path) -> None:
+    run_directory.mkdir()
+    trainer = Trainer(config("trainer.frames=1000"), run_directory)
+    step = trainer._step
+
+    def killing(batch):  # type: ignore[no-untyped-def]
+        if trainer.frames == 0:
+            children = Path(f"/proc/self/task/{os.getpid()}/children").read_text().split()
+            workers = [pid for pid in children if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+            os.kill(int(workers[-1]), signal.SIGKILL)
+        return step(batch)
+
+    trainer._step = killing  # type: ignore[method-assign]
+    with pytest.raises(WorkerLost, match="worker"):
+        trainer.run()
+    trainer.close()
+    assert trainer.saved_frames == trainer.frames > 0
+    checkpoint.load_run(run_directory)
+
+
+@pytest.mark.skipif(find_spec("ray") is None, reason="ray is not installed: pip install 'xqmap[ray]'")
+def test_a_local_ray_cluster_of_two_processes_trains(config: Callable[..., DictConfig], run_directory: Path) -> None:
+    trained = train(config("collector=ray", "trainer.frames=24"), run_directory)
+    assert len(trained.replay) == trained.frames >= 24
+    assert trained.updates > 0
+
+
+def test_ray_is_asked_for_by_name(config: Callable[..., DictConfig], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(collect, "find_spec", lambda name: None)
+    cfg = config("collector=ray")
+    env = make_env(cfg, 0)()
+    with pytest.raises(UserError, match=r"xqmap\[ray\]"):
+        collect.collector(cfg, env, TensorDictSequential(), made=0)
+
+
+def test_an_interrupted_parallel_run_saves_and_leaves_no_process(tmp_path: Path) -> None:
+    settings = ["+task=landing", "trainer=smoke", "trainer.frames=5000", "collector=parallel", "logger.mode=disabled", "hydra.run.dir=run"]
+    here = os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])}
+    command = [sys.executable, "-m", "xqmap.train", *settings]
+    running = subprocess.Popen(command, cwd=tmp_path, env=here, start_new_session=True, stderr=subprocess.PIPE)
+    try:
+        metrics, deadline = tmp_path / "run" / "metrics.csv", time.monotonic() + 120
+        while (
+            running.poll() is None and time.monotonic() < deadline and not (metrics.exists() and len(metrics.read_text().splitlines()) > 1)
+        ):
+            time.sleep(0.2)
+        os.killpg(running.pid, signal.SIGINT)
+        _, told = running.communicate(timeout=60)
+    finally:
+        if running.poll() is None:
+            os.killpg(running.pid, signal.SIGKILL)
+    assert running.returncode == 130
+    assert b"Traceback" not in told
+    assert (tmp_path / "run" / checkpoint.POLICY).exists()
+    with pytest.raises(ProcessLookupError):
+        for _ in range(50):
+            os.killpg(running.pid, 0)
+            time.sleep(0.1)
