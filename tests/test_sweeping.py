@@ -46,6 +46,8 @@ def test_jobs_share_no_directory_no_wandb_id_and_no_scene(sweep: Callable[..., P
     assert len(set(ids)) == len(ids) == 4
     settings = [OmegaConf.load(job / ".hydra" / "config.yaml") for job in found]
     assert len({(cfg.method.name, cfg.seed) for cfg in settings}) == 4
+    # A name that run=DIR takes as it is.
+    assert found[0].name == "+task-toy+method-qlearning+seed-0"
     assert len({json.loads((job / "evaluation.json").read_text())["weights_sha256"] for job in found}) == 4
     assert "bootstrap" in (folder / "table.csv").read_text()
     with open(folder / "table.csv", newline="") as file:

@@ -83,7 +83,9 @@ def _train(cfg: DictConfig, directory: Path, saved: Saved | None) -> None:
     def further() -> str:
         if not trainer.saved_frames:
             return "nothing was saved yet"
-        return f"go on from decision {trainer.saved_frames} with: python -m xqmap.train resume={directory}"
+        sweep = HydraConfig.get().mode == RunMode.MULTIRUN
+        command = "the same command" if sweep else f"python -m xqmap.train resume={directory}"
+        return f"go on from decision {trainer.saved_frames} with: {command}"
 
     try:
         trainer.run()
