@@ -12,6 +12,9 @@ import numpy as np
 import torch
 from mani_skill.envs.sapien_env import BaseEnv
 
+# Frames a second of a film, where the control steps are that many.
+FILM_RATE = 25
+
 
 @dataclass
 class SceneObject:
@@ -33,7 +36,10 @@ class DecisionEnv(BaseEnv):
     Args:
         weights: w_k by component name; R = Σ_k w_k r_k. A component that is not named weighs 1.
         render_backend: ``"auto"`` draws on a GPU where CUDA sees one, else on the CPU.
-        kwargs: ManiSkill's own.
+        kwargs: ManiSkill's own; with ``render_mode="rgb_array"`` every decision is filmed.
+
+    Attributes:
+        frames: the film of the last decision, ``[h, w, 3]`` uint8 each.
     """
 
     REWARD_COMPONENTS: tuple[str, ...] = ()
@@ -46,6 +52,8 @@ class DecisionEnv(BaseEnv):
         self.seconds = {"simulate": 0.0, "render": 0.0}
         self._outcome: dict[str, torch.Tensor] = {}
         self._over = (False, False)
+        self.frames: list[np.ndarray] = []
+        self._control_steps = 0
         if render_backend == "auto":
             render_backend = "gpu" if torch.cuda.is_available() else "cpu"
         super().__init__(
@@ -91,10 +99,23 @@ class DecisionEnv(BaseEnv):
     def control_step(self, action: Any = None) -> None:
         """One control step of the agent: ManiSkill's own step, without observation and reward."""
         super()._step_action(action)
+        self._control_steps += 1
+        if self.render_mode == "rgb_array" and self._control_steps % self._steps_per_frame == 0:
+            self.frames.append(self.render_rgb_array()[0].numpy().copy())
+
+    @property
+    def _steps_per_frame(self) -> int:
+        return max(1, round(self.control_freq / FILM_RATE))
+
+    @property
+    def frame_rate(self) -> float:
+        """Of :attr:`frames`, per second of simulated time."""
+        return self.control_freq / self._steps_per_frame
 
     def _step_action(self, action: Any) -> torch.Tensor:
         point = np.asarray(action, dtype=np.float64).reshape(3)
         start = time.perf_counter()
+        self.frames, self._control_steps = [], 0
         available = self.highest_reward()
         components, metrics = self.run_primitive(point)
         values = torch.tensor([[float(components[name]) for name in self.REWARD_COMPONENTS]])

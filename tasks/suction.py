@@ -94,7 +94,7 @@ class Suction:
     def activate(self, body: sapien.physx.PhysxRigidDynamicComponent) -> None:
         """Takes hold of ``body`` as it lies."""
         self.body = body
-        self._held_at = self.tcp.pose.inv() * body.pose
+        self._held_at = self.tcp.entity_pose.inv() * body.entity_pose
         self._drive = sapien.physx.PhysxDriveComponent(body)
         self._drive.parent = self.tcp
         self._drive.pose_in_parent, self._drive.pose_in_child = self._held_at, sapien.Pose()
@@ -113,4 +113,4 @@ class Suction:
         """How far (m) the body has moved from where it was taken hold of; 0 without a body."""
         if self.body is None:
             return 0.0
-        return float(np.linalg.norm((self.tcp.pose.inv() * self.body.pose).p - self._held_at.p))
+        return float(np.linalg.norm((self.tcp.entity_pose.inv() * self.body.entity_pose).p - self._held_at.p))

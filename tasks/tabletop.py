@@ -167,7 +167,8 @@ def footprint(kind: str, position: np.ndarray, rotation: np.ndarray) -> np.ndarr
         axes = sorted(rotation.T, key=lambda axis: abs(axis[2]))[:2]
         outline = CUBE / 2 * np.array([a * axes[0] + b * axes[1] for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]) @ rotation
     flat = (outline @ rotation.T)[:, :2] + position[:2]
-    area = np.cross(flat, np.roll(flat, -1, axis=0)).sum()
+    x, y = flat.T
+    area = (x * np.roll(y, -1) - y * np.roll(x, -1)).sum()
     return flat if area > 0 else flat[::-1]
 
 

@@ -36,11 +36,13 @@ class ToyTask:
     REWARD_COMPONENTS = ("left", "right")
     BACKGROUND = "table"
     METRICS = ("distance_m",)
+    frame_rate = 1.0
 
     def __init__(self, weights: dict[str, float] | None = None, first: tuple[int, ...] = (0, 1, 2)) -> None:
         self.weights = np.array([(weights or {}).get(name, 1.0) for name in self.REWARD_COMPONENTS])
         self.first = first
         self.seconds = {"simulate": 0.0, "render": 0.0}
+        self.frames: list[np.ndarray] = []
         self.present: set[int] = set()
         self.made = 0
 

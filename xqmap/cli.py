@@ -98,6 +98,19 @@ def required(cfg: DictConfig, name: str, example: str) -> Any:
     return cfg[name]
 
 
+def decisions(cfg: DictConfig) -> int | None:
+    """How many decisions of the scene ``scene_seed`` the setting ``steps`` asks for; None for all of the episode.
+
+    Raises:
+        UserError: if one of the two settings is none.
+    """
+    if cfg.steps != "all" and not (isinstance(cfg.steps, int) and cfg.steps >= 1):
+        raise UserError(f"steps={cfg.steps} is neither a number of decisions from 1 on nor 'all'")
+    if not isinstance(cfg.scene_seed, int) or not 0 <= cfg.scene_seed < 2**32:
+        raise UserError(f"scene_seed={cfg.scene_seed} must be a whole number of at least 0 and below 2**32")
+    return None if cfg.steps == "all" else int(cfg.steps)
+
+
 def resume_in_place(arguments: list[str]) -> None:
     """Lets ``resume=DIR`` work inside DIR: Hydra opens no new run directory and keeps the old one's settings.
 

@@ -39,14 +39,10 @@ def decisions_of(cfg: DictConfig) -> list[Decision]:
         return [Decision.load(cfg.decision)]
     if cfg.run is None:
         raise UserError("nothing to explain: give run=DIR scene_seed=N, or decision=FILE.json")
-    if cfg.steps != "all" and not (isinstance(cfg.steps, int) and cfg.steps >= 1):
-        raise UserError(f"steps={cfg.steps} is neither a number of decisions from 1 on nor 'all'")
-    if not isinstance(cfg.scene_seed, int) or not 0 <= cfg.scene_seed < 2**32:
-        raise UserError(f"scene_seed={cfg.scene_seed} must be a whole number of at least 0 and below 2**32")
+    steps = cli.decisions(cfg)
     if cfg.candidates not in ("pixel", "object"):
         raise UserError(f"candidates={cfg.candidates} is neither pixel nor object")
-    run = checkpoint.load_run(cfg.run)
-    return commands.decide(run, cfg.scene_seed, None if cfg.steps == "all" else cfg.steps, cfg.perception, cfg.candidates)
+    return commands.decide(checkpoint.load_run(cfg.run), cfg.scene_seed, steps, cfg.perception, cfg.candidates)
 
 
 def write(decision: Decision, folder: Path) -> list[Path]:

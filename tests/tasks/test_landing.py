@@ -6,29 +6,20 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from hydra import compose, initialize_config_dir
-from omegaconf import OmegaConf
 
 from tasks.blocks import Block
 from tasks.landing import LandingEnv, Touch
 from tasks.overview import cell_middles
-from xqmap import cli, schema
+from tests.settings import world_settings
 from xqmap.envs.maniskill import ManiSkillEnv
 from xqmap.envs.protocol import Task
 
 pytestmark = pytest.mark.sim
 
 
-def settings(**changes: Any) -> dict[str, Any]:
-    schema.register()
-    with initialize_config_dir(cli.CONF, version_base=None):
-        env = OmegaConf.to_container(compose("config", ["+task=landing"]).task.env)
-    return {key: value for key, value in env.items() if key != "_target_"} | changes
-
-
 @pytest.fixture(scope="module")
 def world() -> Iterator[LandingEnv]:
-    env = LandingEnv(**settings())
+    env = LandingEnv(**world_settings("landing"))
     yield env
     env.close()
 
@@ -194,7 +185,7 @@ def test_heights_of_the_map_are_those_of_the_world(mapped: ManiSkillEnv) -> None
 
 
 def test_the_same_field_serves_several_landings() -> None:
-    env = LandingEnv(**settings(landings_per_episode=2))
+    env = LandingEnv(**world_settings("landing", landings_per_episode=2))
     try:
         env.reset(seed=1)
         blocks, place = list(env.blocks), env._location.copy()
@@ -225,4 +216,4 @@ def test_objects_are_those_in_view(world: LandingEnv) -> None:
 )
 def test_a_setting_out_of_range_is_named(name: str, value: Any) -> None:
     with pytest.raises(ValueError, match=f"^{name} must be between"):
-        LandingEnv(**settings(**{name: value}))
+        LandingEnv(**world_settings("landing", **{name: value}))

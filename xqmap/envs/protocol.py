@@ -36,6 +36,7 @@ class Task(Protocol):
         BACKGROUND: the name of what lies where no object is (``"ground"``, ``"table"``).
         METRICS: names of further numbers in every ``info``, each ``[1]`` float, worth logging (``landing_offset_m``).
         seconds: wall-clock spent so far, by activity (``simulate``, ``render``).
+        frames: the film of the last decision, ``[h, w, 3]`` uint8 each, where the world was built with ``render_mode="rgb_array"``.
 
     ``reset`` and ``step`` return ManiSkill's own observation (``sensor_data`` with ``rgb`` and ``depth`` per camera, ``sensor_param`` with
     ``intrinsic_cv`` and ``extrinsic_cv``). ``step`` takes the point ``[3]`` in world metres; its ``info`` carries
@@ -50,6 +51,12 @@ class Task(Protocol):
     BACKGROUND: str
     METRICS: tuple[str, ...]
     seconds: dict[str, float]
+    frames: list[np.ndarray]
+
+    @property
+    def frame_rate(self) -> float:
+        """Of ``frames``, per second of simulated time."""
+        ...
 
     @property
     def workspace_bounds(self) -> np.ndarray:

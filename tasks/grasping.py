@@ -1,0 +1,396 @@
+"""Grasping: a UR5e with a suction cup sorts out cubes from bowls, the best color first.
+
+Task Description:
+    Three calibrated RGB-D cameras look at cubes and bowls on a table. The agent picks a cell of the heightmap; the primitive moves the cup
+    above the 3-D point behind it, steps down until contact, tries the suction, lifts, and puts what hangs on the cup into a bin.
+
+Randomizations (all from the reset's seed):
+    Number, kinds, colors, places and yaws of the objects (at least one cube), a shift of each one's color, direction and strength of the
+    light, the noise of the depth images. A layout with an object that the arm cannot reach is drawn again.
+
+Episode:
+    Ends when no cube is left on the table; truncated after ``attempts`` decisions.
+
+Reward components:
+    ``shape``: 1 if a cube was lifted and brought to the bin; a bowl, a leaking edge or a cube that was dropped pays 0.
+    ``color``: rank of the color of the object that was tried, lifted or not: red 0, orange 1/5, … purple 1.
+    The bare table pays nothing.
+
+Robot:
+    It waits beside the table, over the bin, where it hides nothing of the table from any camera.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import sapien
+import torch
+from mani_skill.sensors.camera import CameraConfig
+from mani_skill.utils.registration import register_env
+from mani_skill.utils.structs.types import DefaultMaterialsConfig, SceneConfig, SimConfig
+
+from tasks import oracle
+from tasks.agents.ur5e import UR5e, cup_reach, joints_at
+from tasks.base import DecisionEnv, SceneObject
+from tasks.primitives import Arm, pick
+from tasks.suction import Suction, seals
+from tasks.tabletop import CUBE, FRICTION, INSIDE, TOP, Thing, entity, footprint, material, sample_layout
+
+# The workspace of Ravens. Its floor lies below the table, so that table and unseen cells differ in height as well (m).
+BOUNDS = np.array([[0.25, 0.75], [-0.5, 0.5], [-0.01, 0.28]])
+PIXEL_SIZE = 0.003125
+# Ravens' cameras: positions (m) and their axes x right, y down, z forward as Euler angles about the fixed x, y, z (rad).
+CAMERAS = {
+    "front": ((1.0, 0.0, 0.75), (np.pi / 4, np.pi, -np.pi / 2)),
+    "left": ((0.0, 0.5, 0.75), (np.pi / 4.5, np.pi, np.pi / 4)),
+    "right": ((0.0, -0.5, 0.75), (np.pi / 4.5, np.pi, 3 * np.pi / 4)),
+}
+IMAGE = (640, 480)
+INTRINSICS = np.array([[450.0, 0, 320], [0, 450, 240], [0, 0, 1]])
+# The bin's middle (world x, y), its edges and the thickness of its walls; the arm's home is this high over it (m).
+BIN, BIN_SIZE, WALL = np.array([-0.32, 0.42]), np.array([0.24, 0.34, 0.12]), 0.006
+HOME_HEIGHT = 0.26
+TABLE = (51, 51, 51)
+# Objects are at rest when none is faster (m/s); they get this many simulation steps to come to rest.
+STILL, SETTLE_STEPS = 0.002, 400
+# Two bodies touch when they are this close (m).
+CONTACT = 0.0005
+# Layouts drawn before a scene is given up.
+LAYOUTS = 200
+
+
+@register_env("XQMapGrasping-v1", max_episode_steps=None)
+class GraspingEnv(DecisionEnv):
+    """See the head of this file.
+
+    Args:
+        objects: fewest and most objects of a scene.
+        layout: ``"spread"`` over the table or ``"cluttered"`` around a random place.
+        seal: ``"rim"``: the cup's whole rim must lie on the touched body; ``"touch"``: touching a cube is enough, as in Ravens.
+        light: how far the light varies, 0 (not at all) to 1.
+        tint: most that is added to or taken from an object's red, green and blue, 8-bit.
+        depth_noise: standard deviation of the depth images' noise, m.
+        hover: height of the cup over the table on its way, m.
+        attempts: decisions after which an episode is truncated.
+        control_steps: the most a pick may take (100 a second).
+        kwargs: of :class:`DecisionEnv`.
+
+    ``reset(options={"things": [...]})`` puts these objects (``Thing.to_dict()``) in the place of the drawn ones and leaves all else as the
+    seed has it: the way to see the same table with one object recolored, reshaped or gone.
+
+    Raises:
+        ValueError: if a setting is out of its range, or no layout within the arm's reach is found.
+    """
+
+    REWARD_COMPONENTS = ("shape", "color")
+    BACKGROUND = "table"
+    METRICS = ("touched", "sealed", "slip_mm", "control_steps", "layouts_rejected")
+    SUPPORTED_ROBOTS = ["xqmap_ur5e"]  # noqa: RUF012 (ManiSkill's own declaration)
+    agent: UR5e
+
+    def __init__(
+        self,
+        *,
+        objects: tuple[int, int],
+        layout: str,
+        seal: str,
+        light: float,
+        tint: float,
+        depth_noise: float,
+        hover: float,
+        attempts: int,
+        control_steps: int,
+        **kwargs: Any,
+    ) -> None:
+        for name, value, low, high in (
+            ("objects", objects[0], 1, objects[1]),
+            ("objects", objects[1], objects[0], 30),
+            ("light", light, 0.0, 1.0),
+            ("tint", tint, 0.0, 255.0),
+            ("depth_noise", depth_noise, 0.0, 0.1),
+            ("hover", hover, 0.09, 0.4),
+            ("attempts", attempts, 1, np.inf),
+            ("control_steps", control_steps, 1, np.inf),
+        ):
+            if not low <= value <= high:
+                raise ValueError(f"{name} must be between {low:g} and {high:g}, not {value:g}")
+        for name, word, words in (("layout", layout, ("spread", "cluttered")), ("seal", seal, ("rim", "touch"))):
+            if word not in words:
+                raise ValueError(f"{name} must be {' or '.join(words)}, not {word}")
+        self.object_range, self.layout, self.seal, self.light, self.tint = objects, layout, seal, light, tint
+        self.depth_noise, self.hover, self.attempts, self.control_steps = depth_noise, hover, attempts, control_steps
+        self._things: dict[sapien.Entity, Thing] = {}
+        self._binned: list[sapien.Entity] = []
+        self._made = self.layouts_rejected = 0
+        # A scene built anew is the same to the last bit; one that is reused remembers, in the order of its contacts, what was there before.
+        super().__init__(robot_uids="xqmap_ur5e", reconfiguration_freq=1, **kwargs)
+
+    # -- the world -----------------------------------------------------------------------------------------------------
+
+    @property
+    def workspace_bounds(self) -> np.ndarray:
+        """``[3, 2]``, m."""
+        return BOUNDS
+
+    @property
+    def pixel_size(self) -> float:
+        """Edge of a heightmap cell, m."""
+        return PIXEL_SIZE
+
+    @property
+    def _default_sim_config(self) -> SimConfig:
+        return SimConfig(
+            sim_freq=200,
+            control_freq=100,
+            scene_config=SceneConfig(contact_offset=0.002, solver_position_iterations=8),
+            default_materials_config=DefaultMaterialsConfig(FRICTION, FRICTION, 0.0),
+        )
+
+    @property
+    def _default_sensor_configs(self) -> list[CameraConfig]:
+        width, height = IMAGE
+        return [
+            CameraConfig(name, camera_pose(*where), width, height, None, 0.01, 10.0, intrinsic=INTRINSICS, shader_pack="minimal")
+            for name, where in CAMERAS.items()
+        ]
+
+    @property
+    def _default_human_render_camera_configs(self) -> CameraConfig:
+        eye, target = np.array([1.3, -0.85, 0.85]), np.array([0.2, 0.05, 0.16])
+        return CameraConfig("beside", looking(eye, target), 960, 640, 0.8, 0.01, 10.0, shader_pack="default")
+
+    def _load_agent(self, options: dict[str, Any], *args: Any, **kwargs: Any) -> None:
+        # The base frame of the arm's published table is turned against the table's.
+        super()._load_agent(options, sapien.Pose(q=[0, 0, 0, 1]))
+        self.suction = Suction(self.agent.tcp)
+        self.arm = Arm(self.agent, lambda target: self.control_step(target[None]), 1 / self.control_freq, self.control_steps)
+        self._home = joints_at(np.array([[*BIN, HOME_HEIGHT]]), np.zeros(6))[0]
+
+    def _load_lighting(self, options: dict[str, Any]) -> None:
+        # Without shadows: they would treble the time of a picture.
+        self._sun = self.scene.sub_scenes[0].add_directional_light([0, 0, -1], [1, 1, 1])
+
+    def _load_scene(self, options: dict[str, Any]) -> None:
+        table = self.scene.create_actor_builder()
+        self._add_box(table, np.array([0.25, 0.0, -0.02]), np.array([1.5, 1.6, 0.04]), TABLE)
+        table.initial_pose = sapien.Pose()
+        table.build_static("table")
+        tray = self.scene.create_actor_builder()
+        (x, y), (length, width, height) = BIN, BIN_SIZE
+        self._add_box(tray, np.array([x, y, WALL / 2]), np.array([length, width, WALL]), (120, 120, 125))
+        for side in (-1, 1):
+            for middle, size in (
+                ((x + side * length / 2, y, height / 2), (WALL, width, height)),
+                ((x, y + side * width / 2, height / 2), (length, WALL, height)),
+            ):
+                self._add_box(tray, np.array(middle), np.array(size), (150, 150, 155))
+        tray.initial_pose = sapien.Pose()
+        tray.build_static("bin")
+
+    @staticmethod
+    def _add_box(builder: Any, middle: np.ndarray, size: np.ndarray, color: tuple[int, int, int]) -> None:
+        pose, half = sapien.Pose(middle), size / 2
+        builder.add_box_collision(pose, half)
+        builder.add_box_visual(pose, half, material=material(color))
+
+    def _initialize_episode(self, env_idx: torch.Tensor, options: dict[str, Any]) -> None:
+        # A generator of its own, so that scene and noise depend on the reset's seed alone.
+        rng = self._rng = np.random.RandomState(int(self._episode_seed[0]))
+        count = rng.randint(self.object_range[0], self.object_range[1] + 1)
+        drawn = self._reachable_layout(rng, count)
+        given = options.get("things")
+        self._put([Thing(**thing) for thing in given] if given is not None else drawn)
+        slant = self.light * rng.uniform(-0.5, 0.5, 2)
+        self._sun.entity.set_pose(sapien.Pose(q=sapien.math.shortest_rotation([1, 0, 0], [*slant, -1])))
+        self._sun.color = [2.0 * (1 + self.light * rng.uniform(-0.25, 0.25))] * 3
+        self.scene.sub_scenes[0].set_ambient_light([0.35 * (1 + self.light * rng.uniform(-0.25, 0.25))] * 3)
+        robot = self.agent.robot._objs[0]
+        robot.set_qpos(self._home)
+        robot.set_qvel(np.zeros(6))
+        self.agent.controller.set_action(np.concatenate((self._home, np.zeros(6))))
+        self.arm.joints, self._made = self._home, 0
+        self._settle()
+
+    def _reachable_layout(self, rng: np.random.RandomState, count: int) -> list[Thing]:
+        self.layouts_rejected = 0
+        while self.layouts_rejected < LAYOUTS:
+            things = sample_layout(rng, count, self.layout, BOUNDS, self.tint)
+            if all(self._reaches(thing) for thing in things):
+                return things
+            self.layouts_rejected += 1
+        raise ValueError(f"no layout within the arm's reach in {LAYOUTS} draws: lower task.env.hover or task.env.objects")
+
+    def _reaches(self, thing: Thing) -> bool:
+        """Whether the arm's inverse kinematics has a solution on top of an object and above it."""
+        try:
+            joints_at(np.array([[thing.x, thing.y, z] for z in (self.hover, TOP[thing.kind])]), self._home)
+        except ValueError:
+            return False
+        return True
+
+    def _put(self, things: list[Thing]) -> None:
+        self._things, self._binned = {entity(thing): thing for thing in things}, []
+        for built in self._things:
+            self.scene.sub_scenes[0].add_entity(built)
+
+    def _settle(self) -> None:
+        bodies = [body_of(built) for built in self._things]
+        for step in range(SETTLE_STEPS):
+            self.scene.step()
+            if step > 10 and all(np.linalg.norm(body.linear_velocity) < STILL for body in bodies):
+                return
+
+    def get_obs(self, *args: Any, **kwargs: Any) -> Any:
+        """ManiSkill's observation; with ``depth_noise`` the depth images (m) are noisy."""
+        observation = super().get_obs(*args, **kwargs)
+        if self.depth_noise > 0:
+            for image in observation["sensor_data"].values():
+                noise = self._rng.normal(0, 1000 * self.depth_noise, image["depth"].shape).round()
+                image["depth"] = image["depth"] + torch.from_numpy(noise.astype(np.int16))
+        return observation
+
+    # -- the primitive -------------------------------------------------------------------------------------------------
+
+    def reachable(self, points: np.ndarray) -> np.ndarray:
+        """``[M]`` bool: whether the cup, pointing down, gets to the points ``[M, 3]`` and above them."""
+        far = np.hypot(points[:, 0], points[:, 1])
+        return far <= np.minimum(cup_reach(points[:, 2]), cup_reach(self.hover))
+
+    def run_primitive(self, point: np.ndarray) -> tuple[dict[str, float], dict[str, float]]:
+        """Picks at ``point`` ``[3]`` (m)."""
+        self._made += 1
+        attempt = pick(self.arm, self.suction, np.maximum(point, (-np.inf, -np.inf, 0)), self.hover, self._home, self._feel, self._seals)
+        thing = self._things.get(attempt.touched) if attempt.touched is not None else None
+        lifted = attempt.delivered and thing is not None
+        if lifted:
+            self._binned.append(attempt.touched)
+            del self._things[attempt.touched]
+        self._settle()
+        components = {"shape": float(lifted), "color": thing.rank if thing is not None else 0.0}
+        metrics = {
+            "touched": float(thing is not None),
+            "sealed": float(attempt.sealed),
+            "slip_mm": 1000 * attempt.slip,
+            "control_steps": float(attempt.steps),
+            "layouts_rejected": float(self.layouts_rejected),
+        }
+        return components, metrics
+
+    def _feel(self) -> sapien.Entity | None:
+        """What the cup touches: of several bodies the one it presses into most."""
+        cup, nearest = self.agent.cup, CONTACT
+        touched = None
+        for contact in self.scene.px.get_contacts():
+            if cup in contact.bodies:
+                other = contact.bodies[contact.bodies[0] == cup]
+                depth = min((point.separation for point in contact.points), default=np.inf)
+                if depth < nearest:
+                    nearest, touched = depth, other.entity
+        return touched
+
+    def _seals(self, touched: sapien.Entity) -> bool:
+        thing = self._things.get(touched)
+        if thing is None:
+            return False
+        if self.seal == "touch":
+            return thing.kind == "cube"
+        return seals(thing.kind, pose_of(touched), self.arm.tip)
+
+    def episode_over(self) -> tuple[bool, bool]:
+        """Terminated when no cube is left on the table, truncated after ``attempts`` decisions."""
+        over = not any(thing.kind == "cube" for thing in self._on_table().values())
+        return over, not over and self._made >= self.attempts
+
+    # -- what the world knows: evaluation and perception only ----------------------------------------------------------
+
+    def _on_table(self) -> dict[sapien.Entity, Thing]:
+        """The objects within the workspace; what fell off or out of it is out of the game."""
+        low, high = BOUNDS.T
+        return {built: thing for built, thing in self._things.items() if (low <= built.pose.p).all() and (built.pose.p < high).all()}
+
+    def _items(self) -> tuple[list[sapien.Entity], list[oracle.Item]]:
+        """The objects on the table, and what each pays: a cube can be lifted if the cup would seal in the middle of what looks up."""
+        things = self._on_table()
+        items = [oracle.Item(thing.rank, thing.kind == "cube" and self._liftable(built)) for built, thing in things.items()]
+        return list(things), items
+
+    def _liftable(self, cube: sapien.Entity) -> bool:
+        pose = pose_of(cube)
+        tcp = np.diag([1.0, -1.0, -1.0, 1.0])
+        tcp[:3, 3] = cube_top(pose)
+        return self.seal == "touch" or seals("cube", pose, tcp)
+
+    def highest_reward(self) -> float:
+        """Σ_k w_k r_k of the best object on the table; 0 where there is none."""
+        _, items = self._items()
+        return max((float(item.reward @ self.weights.numpy()) for item in items), default=0.0)
+
+    def oracle_point(self) -> np.ndarray:
+        """``[3]``, m: on the object of the highest reward, where a cube is flat or a bowl is deep."""
+        built, items = self._items()
+        if not items:
+            return np.array([*BOUNDS[:2].mean(1), 0.0])
+        chosen = built[oracle.best(items, self.weights.tolist(), 0.0)]
+        if self._things[chosen].kind == "cube":
+            return cube_top(pose_of(chosen))
+        return np.add(chosen.pose.p, (0, 0, float(INSIDE[0, 1])))
+
+    def exact_values(self, gamma: float) -> np.ndarray:
+        """Q*_k ``[objects, 2]`` of each of :meth:`scene_objects`, from the exact solution in :mod:`tasks.oracle`."""
+        return oracle.component_values(self._items()[1], self.weights.tolist(), gamma)
+
+    def scene_objects(self) -> list[SceneObject]:
+        """The objects on the table."""
+        found = []
+        for built, thing in self._on_table().items():
+            pose = pose_of(built)
+            top = float(cube_top(pose)[2]) if thing.kind == "cube" else float(pose[2, 3]) + TOP["bowl"]
+            attributes = {"color": thing.color, "kind": thing.kind, "rank": thing.rank}
+            found.append(SceneObject(thing.name, footprint(thing.kind, pose[:3, 3], pose[:3, :3]), top, attributes))
+        return found
+
+
+def cube_top(pose: np.ndarray) -> np.ndarray:
+    """``[3]``: the middle of the face that looks up most, of a cube at ``pose`` ``[4, 4]``."""
+    middle = pose[:3, 3] + CUBE / 2 * pose[:3, 2]
+    axis = pose[:3, int(np.abs(pose[2, :3]).argmax())]
+    return middle + CUBE / 2 * axis * np.sign(axis[2])
+
+
+def body_of(built: sapien.Entity) -> sapien.physx.PhysxRigidDynamicComponent:
+    """The rigid body of an object."""
+    return built.find_component_by_type(sapien.physx.PhysxRigidDynamicComponent)
+
+
+def pose_of(built: sapien.Entity) -> np.ndarray:
+    """``[4, 4]``: of an object in the world."""
+    return np.asarray(built.pose.to_transformation_matrix(), dtype=np.float64)
+
+
+def camera_pose(position: tuple[float, float, float], euler: tuple[float, float, float]) -> sapien.Pose:
+    """A SAPIEN camera (x forward, y left, z up) from place and Euler angles (fixed axes, rad) of one with x right, y down, z forward."""
+    rotation = np.eye(3)
+    for axis, angle in enumerate(euler):
+        a, b = [i for i in range(3) if i != axis]
+        turn = np.eye(3)
+        sign = -1 if axis == 1 else 1
+        turn[a, a] = turn[b, b] = np.cos(angle)
+        turn[b, a], turn[a, b] = sign * np.sin(angle), -sign * np.sin(angle)
+        rotation = turn @ rotation
+    return _posed(np.column_stack((rotation[:, 2], -rotation[:, 0], -rotation[:, 1])), np.array(position))
+
+
+def looking(eye: np.ndarray, target: np.ndarray) -> sapien.Pose:
+    """A SAPIEN camera at ``eye`` ``[3]`` that looks at ``target`` ``[3]``, upright."""
+    forward = (target - eye) / np.linalg.norm(target - eye)
+    left = np.cross((0, 0, 1), forward)
+    left /= np.linalg.norm(left)
+    return _posed(np.column_stack((forward, left, np.cross(forward, left))), eye)
+
+
+def _posed(rotation: np.ndarray, position: np.ndarray) -> sapien.Pose:
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = rotation, position
+    return sapien.Pose(matrix)
