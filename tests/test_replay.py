@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 import torch
 from tensordict import TensorDict
@@ -55,6 +57,18 @@ def test_augmentation_moves_map_action_and_mask_together(rows: int, columns: int
     assert 0.5 < float((after["action"] != before).float().mean()) < 1.0
     cell = torch.arange(rows * columns).view(rows, columns)
     assert len({tuple(transform(cell, element).flatten().tolist()) for element in range(elements)}) == elements
+
+
+def test_on_disk_is_as_in_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    stored, buffers = transition(6), [Replay(8, 4, True, True, seed=1, on_disk=on_disk) for on_disk in (False, True)]
+    for replay in buffers:
+        replay.extend(stored)
+    memory, disk = (replay.sample() for replay in buffers)
+    assert all(torch.equal(memory[key], disk[key]) for key in ("heightmap", "action", ("next", "heightmap")))
+    again = Replay(8, 4, True, True, seed=1, on_disk=True)
+    again.restore(buffers[1].contents(), buffers[1].cursor)
+    assert all(torch.equal(value, again.contents()[name]) for name, value in buffers[0].contents().items())
 
 
 def test_sampling_repeats_by_seed_and_survives_a_restore() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
-from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
+from torchrl.data import LazyMemmapStorage, LazyTensorStorage, TensorDictReplayBuffer
 
 from xqmap import keys
 
@@ -19,11 +19,13 @@ class Replay:
         augment: turn and mirror what is sampled (all of D4 where the map is square, flips and the half turn otherwise).
         next_states: keep the next heightmap too; without bootstrapping (γ = 0) nothing reads it.
         seed: of sampling and augmentation.
+        on_disk: keep them in memory-mapped files of the system's temporary directory (``TMPDIR``) instead of in memory.
     """
 
-    def __init__(self, capacity: int, batch_size: int, augment: bool, next_states: bool, seed: int) -> None:
+    def __init__(self, capacity: int, batch_size: int, augment: bool, next_states: bool, seed: int, on_disk: bool = False) -> None:
         self.generator = torch.Generator().manual_seed(seed)
-        self.buffer = TensorDictReplayBuffer(storage=LazyTensorStorage(capacity), batch_size=batch_size, generator=self.generator)
+        storage = LazyMemmapStorage(capacity) if on_disk else LazyTensorStorage(capacity)
+        self.buffer = TensorDictReplayBuffer(storage=storage, batch_size=batch_size, generator=self.generator)
         self.augment = augment
         self.next_states = next_states
 

@@ -79,6 +79,7 @@ class Collector:
 class Replay:
     capacity: int = _bounded(1, 10**9)
     augment: bool = MISSING
+    on_disk: bool = MISSING
 
 
 @dataclass

@@ -59,7 +59,8 @@ class Trainer:
         self.target_updater = HardUpdate(self.loss, value_network_update_interval=cfg.trainer.target_period)
         self.parameters = [p for p in self.loss.parameters() if p.requires_grad]
         self.optimizer = torch.optim.Adam(self.parameters, lr=cfg.trainer.learning_rate)
-        self.replay = Replay(cfg.replay.capacity, cfg.trainer.batch_size, cfg.replay.augment, cfg.loss.gamma > 0, cfg.seed)
+        kept = cfg.replay
+        self.replay = Replay(kept.capacity, cfg.trainer.batch_size, kept.augment, cfg.loss.gamma > 0, cfg.seed, kept.on_disk)
         self.exploration = build.exploration(cfg)
         self.greedy = GreedyPolicy(self.network)
         self._time_policy()

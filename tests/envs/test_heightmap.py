@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from xqmap.envs.heightmap import PixelGrid, heightmap, unproject
+from xqmap.references import plain_heightmap
 
 REFERENCE = Path(__file__).parents[2].parent / "shared" / "data" / "ravens_scene_dev.npz"
 GRID = PixelGrid([[0.0, 1.0], [0.0, 0.5], [0.0, 1.0]], 0.05)
@@ -36,6 +37,28 @@ def test_reference_scene(camera: int) -> None:
     color = np.abs(fused[:3].transpose(1, 2, 0) - scene["colormaps"][camera].astype(float)).max(-1) <= 2
     assert height.mean() >= 0.99
     assert color.mean() >= 0.99
+
+
+@pytest.mark.skipif(not REFERENCE.exists(), reason="the reference scene is not on this machine")
+def test_equals_the_plain_algorithm_on_the_reference_scene() -> None:
+    scene = np.load(REFERENCE)
+    arrays = [scene[name] for name in ("color", "depth", "intrinsics", "camera_to_world")]
+    grid = PixelGrid(scene["bounds"].tolist(), float(scene["pixel_size"]))
+    same = np.abs(heightmap(*map(torch.from_numpy, arrays), grid).numpy() - plain_heightmap(*arrays, grid)) < 1e-3
+    assert same[3].mean() >= 0.999
+    # Where two cameras see a spot at the same height, rounding decides whose color it takes.
+    assert same.all(0).mean() >= 0.99
+
+
+@pytest.mark.parametrize("broken", [float("nan"), float("inf"), -float("inf"), 0.0])
+def test_depths_that_are_no_numbers_are_left_out(broken: float) -> None:
+    intrinsics, pose = from_above()
+    color, depth = torch.full((1, 64, 64, 3), 9, dtype=torch.uint8), torch.full((1, 64, 64), 1.8)
+    whole = heightmap(color, depth, intrinsics, pose, GRID)
+    depth[0, 28:36] = broken
+    fused = heightmap(color, depth, intrinsics, pose, GRID)
+    assert bool(fused.isfinite().all())
+    assert 0 < int((fused != 0).sum()) < int((whole != 0).sum())
 
 
 def test_equals_brute_force() -> None:

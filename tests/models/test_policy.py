@@ -5,11 +5,11 @@ from __future__ import annotations
 import pytest
 import torch
 from tensordict import TensorDict
-from torch.nn import functional as F
 
 from xqmap.models.policy import EpsilonGreedy, GreedyPolicy, masked_argmax, random_action
 from xqmap.models.qmaps import QMaps
 from xqmap.models.unet import LocalGeometry, UNet
+from xqmap.references import plain_unet
 
 
 def qmaps(weights: list[float] | None = None) -> QMaps:
@@ -81,18 +81,8 @@ def test_doubled_cells_are_never_built_and_give_the_same_maps_and_gradients() ->
     torch.manual_seed(0)
     net, image = UNet(9, 8, 2), torch.rand(2, 9, 24, 20)
 
-    def plain() -> torch.Tensor:
-        skips, x = [], image
-        for level, block in enumerate(net.encoder):
-            x = block(x if level == 0 else F.max_pool2d(x, 2))
-            skips.append(x)
-        x = skips.pop()
-        for block in net.decoder:
-            x = block(torch.cat((F.interpolate(x, scale_factor=2, mode="nearest"), skips.pop()), 1))
-        return net.head(x)
-
     (expected, expected_gradients), (maps, gradients) = (
-        (out, torch.autograd.grad(out.square().sum(), list(net.parameters()))) for out in (plain(), net(image))
+        (out, torch.autograd.grad(out.square().sum(), list(net.parameters()))) for out in (plain_unet(net, image), net(image))
     )
     assert torch.allclose(expected, maps, atol=1e-6)
     assert all(torch.allclose(a, b, rtol=1e-4, atol=1e-5) for a, b in zip(expected_gradients, gradients, strict=True))
