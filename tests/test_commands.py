@@ -43,6 +43,8 @@ MISTAKES = [
     ("chat", ["decision=nowhere.json", "question=why"], "nowhere.json"),
     ("chat", ["decision=nowhere.json", "llm=parrot"], "llm/parrot"),
     ("doctor", ["only=teeth"], "teeth"),
+    ("bench", ["what=everything"], "what=everything"),
+    ("bench", ["task_name=flying", "what=env"], "task/flying"),
 ]
 
 

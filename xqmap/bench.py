@@ -21,7 +21,7 @@ def bench(cfg: DictConfig) -> None:
         raise UserError(f"what={unknown.pop()} is not one of {', '.join(BENCHMARKS)}, all")
     if cfg.rounds is not None and not (isinstance(cfg.rounds, int) and cfg.rounds > 0):
         raise UserError(f"rounds={cfg.rounds} must be a whole number above 0")
-    settings = compose("config", [f"+task={cfg.task}", *cfg.settings])
+    settings = compose("config", [f"+task={cfg.task_name}", *cfg.settings])
     schema.validate(settings)
     doctor.require_rendering()
     results = {name: BENCHMARKS[name].run(settings, cfg.perception, cfg.rounds or BENCHMARKS[name].rounds) for name in chosen} | {
