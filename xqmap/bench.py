@@ -14,17 +14,19 @@ from xqmap.errors import UserError
 
 def bench(cfg: DictConfig) -> None:
     """Runs the benchmarks that ``cfg.what`` names and writes ``cfg.out``, if given."""
-    from xqmap.benchmarks import BENCHMARKS, machine
+    from xqmap.benchmarks import BENCHMARKS, Benchmark, machine
+    from xqmap.robustness.suite import ROBUSTNESS
 
+    known = BENCHMARKS | {name: Benchmark(*what) for name, what in ROBUSTNESS.items()}
     chosen = list(BENCHMARKS) if cfg.what == "all" else [cfg.what]
-    if unknown := set(chosen) - set(BENCHMARKS):
-        raise UserError(f"what={unknown.pop()} is not one of {', '.join(BENCHMARKS)}, all")
+    if unknown := set(chosen) - set(known):
+        raise UserError(f"what={unknown.pop()} is not one of {', '.join(known)}, all")
     if cfg.rounds is not None and not (isinstance(cfg.rounds, int) and cfg.rounds > 0):
         raise UserError(f"rounds={cfg.rounds} must be a whole number above 0")
     settings = compose("config", [f"+task={cfg.task_name}", *cfg.settings])
     schema.validate(settings)
     doctor.require_rendering()
-    results = {name: BENCHMARKS[name].run(settings, cfg.perception, cfg.rounds or BENCHMARKS[name].rounds) for name in chosen} | {
+    results = {name: known[name].run(settings, cfg.perception, cfg.rounds or known[name].rounds) for name in chosen} | {
         "machine": machine()
     }
     for name, measured in results.items():

@@ -65,7 +65,7 @@ def main(config_name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[
             except Exception as error:
                 if not (line := told(error)):
                     raise
-                sys.exit(_line(line))
+                sys.exit(one_line(line))
 
         return program
 
@@ -120,7 +120,7 @@ def resume_in_place(arguments: list[str]) -> None:
     resumed = next((argument.removeprefix("resume=") for argument in arguments[1:] if argument.startswith("resume=")), None)
     if resumed and resumed != "null":
         if len(arguments) > 2:
-            sys.exit(_line("resume=DIR goes on with the settings the run was started with: give no other setting"))
+            sys.exit(one_line("resume=DIR goes on with the settings the run was started with: give no other setting"))
         arguments += ["hydra.run.dir=.", "hydra.output_subdir=null", "hydra/job_logging=none", "hydra/hydra_logging=none"]
 
 
@@ -132,8 +132,9 @@ def _forget_empty_run() -> None:
             directory.rmdir()
 
 
-def _line(text: str) -> str:
-    return "error: " + " ".join(text.split())
+def one_line(text: str) -> str:
+    """What is printed of a mistake, whatever control characters it holds."""
+    return "error: " + " ".join("".join(c if c.isprintable() else " " for c in text).split())
 
 
 def _mistake(error: Exception) -> str:

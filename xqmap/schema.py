@@ -150,7 +150,8 @@ def typed(cfg: DictConfig | ListConfig) -> DictConfig:
     try:
         merged = OmegaConf.merge(OmegaConf.structured(Schema), cfg)
     except OmegaConfBaseException as error:
-        raise UserError(f"these settings do not fit this version of xqmap: {str(error).splitlines()[0]}") from None
+        place = f" ({error.full_key})" if getattr(error, "full_key", None) else ""
+        raise UserError(f"these settings{place} do not fit this version of xqmap: {str(error).splitlines()[0]}") from None
     assert isinstance(merged, DictConfig)
     return merged
 

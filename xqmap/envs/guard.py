@@ -35,7 +35,8 @@ def guarded(where: str, limit: float | None) -> Iterator[None]:
         if timed and limit is not None:
             before = signal.signal(signal.SIGALRM, late)
             signal.setitimer(signal.ITIMER_REAL, limit)
-            faulthandler.dump_traceback_later(limit + _GRACE, exit=True)
+            # To the process's own stderr: what stands in for it (a notebook, a test) may have no file behind it.
+            faulthandler.dump_traceback_later(limit + _GRACE, exit=True, file=2)
         yield
     except UserError:
         raise
