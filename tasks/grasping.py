@@ -69,7 +69,7 @@ class GraspingEnv(DecisionEnv):
         objects: fewest and most objects of a scene.
         layout: ``"spread"`` over the table or ``"cluttered"`` around a random place.
         seal: ``"rim"``: the cup's whole rim must lie on the touched body; ``"touch"``: touching a cube is enough, as in Ravens.
-        light: how far the light varies, 0 (not at all) to 1.
+        light: how far the light varies, 0 (not at all) to 2.
         tint: most that is added to or taken from an object's red, green and blue, 8-bit.
         depth_noise: standard deviation of the depth images' noise, m.
         hover: height of the cup over the table on its way, m.
@@ -107,7 +107,7 @@ class GraspingEnv(DecisionEnv):
         for name, value, low, high in (
             ("objects", objects[0], 1, objects[1]),
             ("objects", objects[1], objects[0], 30),
-            ("light", light, 0.0, 1.0),
+            ("light", light, 0.0, 2.0),
             ("tint", tint, 0.0, 255.0),
             ("depth_noise", depth_noise, 0.0, 0.1),
             ("hover", hover, 0.09, 0.4),

@@ -12,7 +12,7 @@ import pytest
 from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig, OmegaConf
 
-from xqmap import cli, doctor, schema, sheets, sweeping, train
+from xqmap import build, cli, doctor, schema, sheets, sweeping, train
 from xqmap.errors import UserError
 
 pytestmark = [pytest.mark.usefixtures("trust_toy"), pytest.mark.filterwarnings("ignore::FutureWarning")]
@@ -119,25 +119,47 @@ def composed(*overrides: str) -> DictConfig:
         return compose("config", list(overrides), return_hydra_config=True)
 
 
+TASKS = sorted(path.stem for path in (Path(cli.CONF) / "task").glob("*.yaml"))
+SHEETS = [(task, name) for task in TASKS for name in sheets.names(task)]
+
+
 @pytest.mark.parametrize("name", sorted(path.stem for path in (Path(cli.CONF) / "sweep").glob("*.yaml")))
 def test_every_sweep_file_names_settings_that_exist(name: str) -> None:
     cfg = composed("+task=landing", f"+sweep={name}")
     assert cfg.hydra.sweep.dir == f"multirun/{name}"
-    for key in cfg.hydra.sweeper.params:
-        if not key.startswith(("+task", "task.env.objects")):
-            assert OmegaConf.select(cfg, key) is not None, key
+    params = dict(cfg.hydra.sweeper.params)
+    for task in params.pop("+task", "landing").split(","):
+        for key in params:
+            assert OmegaConf.select(composed(f"+task={task}"), key) is not None, key
 
 
-def test_every_sheet_changes_settings_that_exist(toy_config: Callable[..., DictConfig]) -> None:
-    cfg = composed("+task=landing")
-    assert sheets.names("landing") == ["crowded", "large", "light", "slopes"]
-    for name in sheets.names("landing"):
-        changed = sheets.load("landing", name)
-        assert set(changed) <= {"task", "evaluation"}
-        assert set(OmegaConf.select(changed, "task.env") or {}) <= set(cfg.task.env)
-    assert sheets.chosen("landing", ["all"]) == sheets.names("landing")
+def test_the_papers_table_is_trained_as_the_defaults_are() -> None:
+    cfg = composed("+task=landing", "+sweep=paper")
+    assert dict(cfg.hydra.sweeper.params) == {"+task": "landing,grasping", "method": "xqmap,qlearning,hra"}
+    plain = composed("+task=landing")
+    assert {name for name in plain if name != "hydra" and plain[name] != cfg[name]} == {"evaluation", "sheets"}
+
+
+def test_sheets_are_chosen_by_name() -> None:
+    assert sheets.chosen("landing", ["all"]) == sheets.names("landing") == ["crowded", "large", "light", "slopes"]
+    assert sheets.chosen("grasping", ["tint"]) == ["tint"]
     with pytest.raises(UserError, match="landing has crowded, large"):
         sheets.chosen("landing", ["steep"])
+
+
+@pytest.mark.sim
+@pytest.mark.parametrize(("task", "name"), SHEETS)
+def test_every_sheet_is_a_world_that_can_be_built(task: str, name: str) -> None:
+    cfg, changed = composed(f"+task={task}"), sheets.load(task, name)
+    assert set(changed) <= {"task", "evaluation"}
+    assert set(changed.evaluation) <= set(cfg.evaluation)
+    settings = OmegaConf.select(changed, "task.env") or {}
+    assert set(settings) <= set(cfg.task.env)
+    if settings:
+        OmegaConf.set_struct(cfg, False)
+        env = build.make_env(OmegaConf.merge(cfg, {"task": {"env": settings}}), 0)()
+        assert bool(env.reset()["action_mask"].any())
+        env.close()
 
 
 @pytest.mark.parametrize(
