@@ -1,0 +1,61 @@
+"""The commands of the README on the real grasping world, small: train, explain an episode, film."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from hydra import compose, initialize_config_dir
+from torchrl.envs.utils import check_env_specs
+
+from tests.test_commands import call
+from xqmap import build, cli, schema
+
+pytestmark = pytest.mark.sim
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("grasping")
+    small = ["trainer=smoke", "trainer.frames=20", "evaluation.seeds=[0]", "evaluation.choices=3"]
+    done = call("train", "+task=grasping", *small, "hydra.run.dir=run", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    return folder / "run"
+
+
+def test_the_environment_keeps_its_specs() -> None:
+    schema.register()
+    with initialize_config_dir(cli.CONF, version_base=None):
+        env = build.make_env(compose("config", ["+task=grasping"]), 3)()
+    try:
+        check_env_specs(env)
+        assert env.grid.shape == (320, 160)
+    finally:
+        env.close()
+
+
+def test_the_table_counts_choices_and_the_oracle_makes_the_best(run: Path) -> None:
+    result = json.loads((run / "evaluation.json").read_text())
+    assert (result["task"], result["success"]["choices"]) == ("grasping", 3)
+    assert result["baselines"]["oracle"]["mean"] == 1.0
+    assert set(result["runs"][0]["components"]) == {"shape", "color"}
+
+
+def test_an_episode_is_explained_decision_by_decision(run: Path) -> None:
+    done = call("explain", "run=run", "scene_seed=3", "steps=2", "out=why", cwd=run.parent)
+    assert done.returncode == 0, done.stderr
+    decisions = [json.loads((run.parent / "why" / f"step0{i}" / "decision.json").read_text()) for i in (1, 2)]
+    assert all(decision["components"] == ["shape", "color"] for decision in decisions)
+    assert (run.parent / "why" / "explanation.html").exists()
+
+
+def test_a_film_shows_the_robot_at_work(run: Path) -> None:
+    done = call("film", "run=run", "scene_seed=3", "out=pick.mp4", cwd=run.parent)
+    assert done.returncode == 0, done.stderr
+    assert "wrote pick.mp4: 1 decisions" in done.stdout
+    content = (run.parent / "pick.mp4").read_bytes()
+    assert content[4:8] == b"ftyp" and len(content) > 10_000
+    refused = call("film", "run=run", "out=pick.gif", cwd=run.parent)
+    assert refused.returncode != 0 and ".mp4" in refused.stderr
+    assert not list(run.parent.glob("*.part*"))
