@@ -31,28 +31,14 @@ from mani_skill.sensors.camera import CameraConfig
 from mani_skill.utils.registration import register_env
 from mani_skill.utils.structs.types import DefaultMaterialsConfig, SceneConfig, SimConfig
 
-from tasks import oracle
+from tasks import oracle, workcell
 from tasks.agents.ur5e import UR5e, cup_reach, joints_at
 from tasks.base import DecisionEnv, SceneObject
 from tasks.primitives import Arm, pick
 from tasks.suction import Suction, seals
-from tasks.tabletop import CUBE, FRICTION, INSIDE, TOP, Thing, entity, footprint, material, sample_layout
+from tasks.tabletop import FRICTION, INSIDE, TOP, Thing, cube_top, entity, footprint, sample_layout
+from tasks.workcell import BIN, BOUNDS, HOME_HEIGHT, PIXEL_SIZE
 
-# The workspace of Ravens. Its floor lies below the table, so that table and unseen cells differ in height as well (m).
-BOUNDS = np.array([[0.25, 0.75], [-0.5, 0.5], [-0.01, 0.28]])
-PIXEL_SIZE = 0.003125
-# Ravens' cameras: positions (m) and their axes x right, y down, z forward as Euler angles about the fixed x, y, z (rad).
-CAMERAS = {
-    "front": ((1.0, 0.0, 0.75), (np.pi / 4, np.pi, -np.pi / 2)),
-    "left": ((0.0, 0.5, 0.75), (np.pi / 4.5, np.pi, np.pi / 4)),
-    "right": ((0.0, -0.5, 0.75), (np.pi / 4.5, np.pi, 3 * np.pi / 4)),
-}
-IMAGE = (640, 480)
-INTRINSICS = np.array([[450.0, 0, 320], [0, 450, 240], [0, 0, 1]])
-# The bin's middle (world x, y), its edges and the thickness of its walls; the arm's home is this high over it (m).
-BIN, BIN_SIZE, WALL = np.array([-0.32, 0.42]), np.array([0.24, 0.34, 0.12]), 0.006
-HOME_HEIGHT = 0.26
-TABLE = (51, 51, 51)
 # Objects are at rest when none is faster (m/s); they get this many simulation steps to come to rest.
 STILL, SETTLE_STEPS = 0.002, 400
 # Two bodies touch when they are this close (m).
@@ -150,16 +136,11 @@ class GraspingEnv(DecisionEnv):
 
     @property
     def _default_sensor_configs(self) -> list[CameraConfig]:
-        width, height = IMAGE
-        return [
-            CameraConfig(name, camera_pose(*where), width, height, None, 0.01, 10.0, intrinsic=INTRINSICS, shader_pack="minimal")
-            for name, where in CAMERAS.items()
-        ]
+        return workcell.cameras()
 
     @property
     def _default_human_render_camera_configs(self) -> CameraConfig:
-        eye, target = np.array([1.3, -0.85, 0.85]), np.array([0.2, 0.05, 0.16])
-        return CameraConfig("beside", looking(eye, target), 960, 640, 0.8, 0.01, 10.0, shader_pack="default")
+        return workcell.onlooker()
 
     def _load_agent(self, options: dict[str, Any], *args: Any, **kwargs: Any) -> None:
         # The base frame of the arm's published table is turned against the table's.
@@ -173,27 +154,7 @@ class GraspingEnv(DecisionEnv):
         self._sun = self.scene.sub_scenes[0].add_directional_light([0, 0, -1], [1, 1, 1])
 
     def _load_scene(self, options: dict[str, Any]) -> None:
-        table = self.scene.create_actor_builder()
-        self._add_box(table, np.array([0.25, 0.0, -0.02]), np.array([1.5, 1.6, 0.04]), TABLE)
-        table.initial_pose = sapien.Pose()
-        table.build_static("table")
-        tray = self.scene.create_actor_builder()
-        (x, y), (length, width, height) = BIN, BIN_SIZE
-        self._add_box(tray, np.array([x, y, WALL / 2]), np.array([length, width, WALL]), (120, 120, 125))
-        for side in (-1, 1):
-            for middle, size in (
-                ((x + side * length / 2, y, height / 2), (WALL, width, height)),
-                ((x, y + side * width / 2, height / 2), (length, WALL, height)),
-            ):
-                self._add_box(tray, np.array(middle), np.array(size), (150, 150, 155))
-        tray.initial_pose = sapien.Pose()
-        tray.build_static("bin")
-
-    @staticmethod
-    def _add_box(builder: Any, middle: np.ndarray, size: np.ndarray, color: tuple[int, int, int]) -> None:
-        pose, half = sapien.Pose(middle), size / 2
-        builder.add_box_collision(pose, half)
-        builder.add_box_visual(pose, half, material=material(color))
+        workcell.build(self.scene)
 
     def _initialize_episode(self, env_idx: torch.Tensor, options: dict[str, Any]) -> None:
         # A generator of its own, so that scene and noise depend on the reset's seed alone.
@@ -352,13 +313,6 @@ class GraspingEnv(DecisionEnv):
         return found
 
 
-def cube_top(pose: np.ndarray) -> np.ndarray:
-    """``[3]``: the middle of the face that looks up most, of a cube at ``pose`` ``[4, 4]``."""
-    middle = pose[:3, 3] + CUBE / 2 * pose[:3, 2]
-    axis = pose[:3, int(np.abs(pose[2, :3]).argmax())]
-    return middle + CUBE / 2 * axis * np.sign(axis[2])
-
-
 def body_of(built: sapien.Entity) -> sapien.physx.PhysxRigidDynamicComponent:
     """The rigid body of an object."""
     return built.find_component_by_type(sapien.physx.PhysxRigidDynamicComponent)
@@ -367,30 +321,3 @@ def body_of(built: sapien.Entity) -> sapien.physx.PhysxRigidDynamicComponent:
 def pose_of(built: sapien.Entity) -> np.ndarray:
     """``[4, 4]``: of an object in the world."""
     return np.asarray(built.pose.to_transformation_matrix(), dtype=np.float64)
-
-
-def camera_pose(position: tuple[float, float, float], euler: tuple[float, float, float]) -> sapien.Pose:
-    """A SAPIEN camera (x forward, y left, z up) from place and Euler angles (fixed axes, rad) of one with x right, y down, z forward."""
-    rotation = np.eye(3)
-    for axis, angle in enumerate(euler):
-        a, b = [i for i in range(3) if i != axis]
-        turn = np.eye(3)
-        sign = -1 if axis == 1 else 1
-        turn[a, a] = turn[b, b] = np.cos(angle)
-        turn[b, a], turn[a, b] = sign * np.sin(angle), -sign * np.sin(angle)
-        rotation = turn @ rotation
-    return _posed(np.column_stack((rotation[:, 2], -rotation[:, 0], -rotation[:, 1])), np.array(position))
-
-
-def looking(eye: np.ndarray, target: np.ndarray) -> sapien.Pose:
-    """A SAPIEN camera at ``eye`` ``[3]`` that looks at ``target`` ``[3]``, upright."""
-    forward = (target - eye) / np.linalg.norm(target - eye)
-    left = np.cross((0, 0, 1), forward)
-    left /= np.linalg.norm(left)
-    return _posed(np.column_stack((forward, left, np.cross(forward, left))), eye)
-
-
-def _posed(rotation: np.ndarray, position: np.ndarray) -> sapien.Pose:
-    matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = rotation, position
-    return sapien.Pose(matrix)

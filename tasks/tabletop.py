@@ -172,6 +172,13 @@ def footprint(kind: str, position: np.ndarray, rotation: np.ndarray) -> np.ndarr
     return flat if area > 0 else flat[::-1]
 
 
+def cube_top(pose: np.ndarray) -> np.ndarray:
+    """``[3]``: the middle of the face that looks up most, of a cube at ``pose`` ``[4, 4]``."""
+    middle = pose[:3, 3] + CUBE / 2 * pose[:3, 2]
+    axis = pose[:3, int(np.abs(pose[2, :3]).argmax())]
+    return middle + CUBE / 2 * axis * np.sign(axis[2])
+
+
 def material(
     color: tuple[int, int, int], tint: tuple[float, float, float] = (0, 0, 0), roughness: float = 0.9
 ) -> sapien.render.RenderMaterial:

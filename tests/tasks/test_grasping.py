@@ -12,8 +12,9 @@ import torch
 
 from tasks.agents.kinematics import forward
 from tasks.agents.ur5e import joints_at
-from tasks.grasping import BOUNDS, CAMERAS, PIXEL_SIZE, GraspingEnv, body_of, cube_top, pose_of
-from tasks.tabletop import CUBE, OUTSIDE, RANK, Thing
+from tasks.grasping import GraspingEnv, body_of, pose_of
+from tasks.tabletop import CUBE, OUTSIDE, RANK, Thing, cube_top
+from tasks.workcell import BOUNDS, CAMERAS, PIXEL_SIZE
 from tests.settings import world_settings
 from xqmap.envs.maniskill import ManiSkillEnv
 from xqmap.envs.protocol import Task
@@ -272,7 +273,7 @@ def test_depth_noise_is_drawn_from_the_scene_s_seed() -> None:
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("objects", [9, 31]), ("light", 2), ("depth_noise", -1), ("hover", 0.5), ("attempts", 0), ("layout", "heap"), ("seal", "glue")],
+    [("objects", [9, 31]), ("light", 3), ("depth_noise", -1), ("hover", 0.5), ("attempts", 0), ("layout", "heap"), ("seal", "glue")],
 )
 def test_a_setting_out_of_range_is_named(name: str, value: Any) -> None:
     with pytest.raises(ValueError, match=f"^{name} must be"):
