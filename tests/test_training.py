@@ -189,6 +189,18 @@ def test_nan_in_the_loss_stops_with_one_line(toy_config: Callable[..., DictConfi
         trainer.run()
 
 
+def test_an_agent_of_before_a_training_setting_was_there_still_plays(toy_config: Callable[..., DictConfig], run_directory: Path) -> None:
+    train(toy_config(), run_directory)
+    tensors, facts = checkpoint.read(run_directory / checkpoint.POLICY)
+    del facts["config"]["replay"]["capacity"]
+    checkpoint.write(run_directory / checkpoint.POLICY, tensors, facts)
+    assert checkpoint.load_run(run_directory).policy.qmaps.components == ("left", "right")
+    del facts["config"]["qnet"]["width"]
+    checkpoint.write(run_directory / checkpoint.POLICY, tensors, facts)
+    with pytest.raises(UserError, match=r"qnet\.width"):
+        checkpoint.load_run(run_directory)
+
+
 def test_an_agent_that_ships_is_found_by_name_and_nothing_is_written_beside_it(
     toy_config: Callable[..., DictConfig], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -229,7 +229,7 @@ def settings(facts: dict[str, Any], file: Path) -> DictConfig:
         raise UserError(f"{file} carries no readable settings: train again")
     try:
         cfg = schema.typed(OmegaConf.create(stored))
-        schema.validate(cfg)
+        schema.validate(cfg, playing=True)
     except UserError as error:
         raise UserError(f"{file}: {error}") from None
     return cfg

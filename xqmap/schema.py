@@ -156,15 +156,23 @@ def typed(cfg: DictConfig | ListConfig) -> DictConfig:
     return merged
 
 
-def validate(cfg: DictConfig) -> None:
+# What only a training reads: an agent that was trained before a setting of these was thought of plays all the same.
+TRAINING_ONLY = ("exploration", "collector", "replay", "trainer", "logger")
+
+
+def validate(cfg: DictConfig, playing: bool = False) -> None:
     """Checks what types cannot say.
+
+    Args:
+        cfg: the whole configuration.
+        playing: a saved policy is to be played, so ``TRAINING_ONLY`` settings may be missing.
 
     Raises:
         UserError: naming the first setting that is missing or out of its range.
     """
     if OmegaConf.is_missing(cfg, "task"):
         raise UserError("no task: add +task=NAME, one of conf/task (+task=landing)")
-    _check(Schema, cfg, "")
+    _check(Schema, cfg, "", TRAINING_ONLY if playing else ())
     for name in ("task.components", "method.components"):
         components = list(OmegaConf.select(cfg, name))
         if not components or len(set(components)) < len(components):
@@ -180,7 +188,7 @@ def validate(cfg: DictConfig) -> None:
         raise UserError("qnet.plane_windows and qnet.surroundings must be odd numbers of cells from 3 to 255")
     if cfg.threads is not None and not 1 <= cfg.threads <= 4096:
         raise UserError(f"threads={cfg.threads} must be between 1 and 4096, or null")
-    if not math.isfinite(cfg.exploration.raised_height):
+    if not playing and not math.isfinite(cfg.exploration.raised_height):
         raise UserError(f"exploration.raised_height={cfg.exploration.raised_height} must be a finite number of metres")
     until = cfg.evaluation.until or {}
     if unknown := set(until) - set(cfg.task.components):
@@ -193,14 +201,16 @@ def validate(cfg: DictConfig) -> None:
         raise UserError("evaluation.seeds must be between 0 and 9999 (training scenes lie above)")
 
 
-def _check(schema: type, cfg: DictConfig, prefix: str) -> None:
+def _check(schema: type, cfg: DictConfig, prefix: str, spared: tuple[str, ...] = ()) -> None:
     for item in dataclasses.fields(schema):
         name = prefix + item.name
         if OmegaConf.is_missing(cfg, item.name):
+            if prefix.rstrip(".") in spared:
+                continue
             raise UserError(f"{name} has no value: give one with {name}=VALUE")
         value = cfg[item.name]
         if isinstance(item.default_factory, type) and dataclasses.is_dataclass(item.default_factory):
-            _check(item.default_factory, value, name + ".")
+            _check(item.default_factory, value, name + ".", spared)
         limits = item.metadata
         if "choices" in limits and value not in limits["choices"]:
             raise UserError(f"{name}={value} is not one of {', '.join(limits['choices'])}")

@@ -55,5 +55,5 @@ def applied(run: Run, changes: Any) -> Run:
             settings = sorted(str(key) for key in known if not str(key).startswith("_"))
             raise UserError(f"task.env has no setting {name!r} to change; there are {', '.join(settings)}")
     cfg = schema.typed(OmegaConf.merge(run.cfg, changes))
-    schema.validate(cfg)
+    schema.validate(cfg, playing=True)
     return dataclasses.replace(run, cfg=cfg)
