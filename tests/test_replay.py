@@ -8,7 +8,8 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from xqmap.replay import Replay, augment, pack, transform, unpack
+from xqmap.models.symmetry import transform
+from xqmap.replay import Replay, augment, pack, unpack
 
 
 def transition(count: int, rows: int = 8, columns: int = 8) -> TensorDict:

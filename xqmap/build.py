@@ -79,7 +79,9 @@ def shapes(cfg: DictConfig, pixel_size: float) -> dict[str, torch.Size]:
 
 def _untrained(cfg: DictConfig, pixel_size: float) -> QMaps:
     stem = LocalGeometry(pixel_size, cfg.qnet.height_scale, list(cfg.qnet.plane_windows), cfg.qnet.surroundings, cfg.qnet.slope_scale)
-    return QMaps(cfg.method.components, stem, partial(UNet, width=cfg.qnet.width, depth=cfg.qnet.depth), cfg.method.weights)
+    unet = partial(UNet, width=cfg.qnet.width, depth=cfg.qnet.depth)
+    # A task whose transitions may be turned and mirrored is decided on from all sides, too.
+    return QMaps(cfg.method.components, stem, unet, cfg.method.weights, symmetric=cfg.replay.augment)
 
 
 def exploration(cfg: DictConfig) -> EpsilonGreedy:

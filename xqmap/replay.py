@@ -8,6 +8,7 @@ from torch import Tensor
 from torchrl.data import LazyMemmapStorage, LazyTensorStorage, TensorDictReplayBuffer
 
 from xqmap import keys
+from xqmap.models.symmetry import elements, transform
 
 
 class Replay:
@@ -101,10 +102,10 @@ def augment(batch: TensorDictBase, generator: torch.Generator) -> TensorDictBase
         generator: source of the draw.
     """
     rows, columns = batch[keys.HEIGHTMAP].shape[-2:]
-    elements = 8 if rows == columns else 4
-    drawn = torch.randint(elements, (len(batch),), generator=generator)
+    count = elements(rows, columns)
+    drawn = torch.randint(count, (len(batch),), generator=generator)
     cells = torch.arange(rows * columns).view(1, rows, columns)
-    for element in range(1, elements):
+    for element in range(1, count):
         chosen = (drawn == element).nonzero().squeeze(-1)
         if not len(chosen):
             continue
@@ -117,10 +118,3 @@ def augment(batch: TensorDictBase, generator: torch.Generator) -> TensorDictBase
                 turned = transform(maps[chosen].reshape(len(chosen), -1, rows, columns), element)
                 maps[chosen] = turned.reshape(len(chosen), *maps.shape[1:])
     return batch
-
-
-def transform(image: Tensor, element: int) -> Tensor:
-    """Element 0–7 of D4 on ``[..., H, W]``: bit 0 mirrors rows, bit 1 columns, bit 2 transposes (needs H = W)."""
-    axes = [axis for bit, axis in ((1, -2), (2, -1)) if element & bit]
-    image = image.flip(axes) if axes else image
-    return image.transpose(-2, -1) if element & 4 else image

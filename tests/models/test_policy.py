@@ -8,6 +8,7 @@ from tensordict import TensorDict
 
 from xqmap.models.policy import EpsilonGreedy, GreedyPolicy, masked_argmax, random_action
 from xqmap.models.qmaps import QMaps
+from xqmap.models.symmetry import elements, restore, transform
 from xqmap.models.unet import LocalGeometry, UNet
 from xqmap.references import plain_unet
 
@@ -26,6 +27,20 @@ def test_any_size_gives_maps_of_that_size() -> None:
     for rows, columns in [(18, 22), (84, 84), (33, 47)]:
         out = GreedyPolicy(qmaps())(scene(1, rows, columns))
         assert out["component_action_value"].shape == (1, 2, rows * columns)
+
+
+@pytest.mark.parametrize(("rows", "columns"), [(20, 20), (20, 28)])
+def test_a_symmetric_agent_turns_its_maps_with_the_scene_but_learns_as_any_other(rows: int, columns: int) -> None:
+    network = qmaps()
+    image = torch.rand(1, 4, rows, columns)
+    one_sided = network.maps(image)
+    network.symmetric = True
+    assert torch.equal(network.maps(image), one_sided), "in training nothing is averaged"
+    maps = network.eval().maps(image)
+    assert not torch.allclose(maps, one_sided, atol=1e-3)
+    for side in range(elements(rows, columns)):
+        assert torch.allclose(network.maps(transform(image, side)), transform(maps, side), atol=1e-5)
+        assert torch.equal(restore(transform(image, side), side), image)
 
 
 def test_the_sum_is_weighted_and_the_values_are_those_at_the_action() -> None:

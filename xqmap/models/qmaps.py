@@ -11,6 +11,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from xqmap import keys
+from xqmap.models.symmetry import elements, restore, transform
 from xqmap.models.unet import LocalGeometry, UNet
 
 # Of the widest layers, in cells: about what a processor's cache holds.
@@ -41,12 +42,20 @@ class QMaps(TensorDictModuleBase):
         stem: the geometry computed from the heightmap.
         unet: builds one U-Net from its number of input channels.
         weights: w_k in the order of ``components``; 1 each when not given.
+        symmetric: in evaluation mode a map is the mean over the turned and mirrored heightmaps: the argmax over thousands of cells finds
+            a single view's outliers, and no outlier is one from every side.
     """
 
     def __init__(
-        self, components: Sequence[str], stem: LocalGeometry, unet: Callable[[int], UNet], weights: Sequence[float] | None = None
+        self,
+        components: Sequence[str],
+        stem: LocalGeometry,
+        unet: Callable[[int], UNet],
+        weights: Sequence[float] | None = None,
+        symmetric: bool = False,
     ) -> None:
         super().__init__()
+        self.symmetric = symmetric
         self.in_keys = [keys.HEIGHTMAP]
         self.out_keys = [keys.COMPONENT_ACTION_VALUE, keys.ACTION_VALUE]
         self.components = tuple(components)
@@ -73,6 +82,12 @@ class QMaps(TensorDictModuleBase):
 
     def maps(self, heightmap: Tensor) -> Tensor:
         """``[B, 4, H, W]`` → the Q-Maps ``[B, K, H, W]``; sizes that the poolings do not divide are padded with empty cells."""
+        if self.training or not self.symmetric:
+            return self._padded(heightmap)
+        sides = range(elements(*heightmap.shape[-2:]))
+        return torch.stack([restore(self._padded(transform(heightmap, side).contiguous()), side) for side in sides]).mean(0)
+
+    def _padded(self, heightmap: Tensor) -> Tensor:
         rows, columns = heightmap.shape[-2:]
         heightmap = F.pad(heightmap, (0, -columns % self.stride, 0, -rows % self.stride))
         # Without gradients nothing has to be kept, so a processor goes map after map: the layers of one stay in its cache.
