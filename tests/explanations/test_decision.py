@@ -392,6 +392,7 @@ def test_perceptions_agree_on_a_plain_scene() -> None:
         0.15,
         9,
         0.4,
+        False,
         {"flat": {"max_slope": 5.0}, "inclined": {"min_slope": 5.0}},
         "{color} {shape} block",
     )(image, grid, None)

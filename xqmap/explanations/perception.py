@@ -84,6 +84,7 @@ class Vision:
         raised: height (m) above the background from which a cell belongs to an object.
         smallest: cells an object has at least.
         edge: rise (m) between neighbouring cells that separates two objects.
+        whole_first: whether a region that has one of the shapes as a whole is one object, whatever steps are in it.
         shapes: names with the rules that choose them, tried in order: each may bound ``slope`` (degrees, of the plane that fits the
             region), ``hollow`` (how far the middle lies below the rim, m) and ``extent`` (longest side, m) from above by ``max_*`` and
             from below by ``min_*``.
@@ -97,13 +98,14 @@ class Vision:
         raised: float,
         smallest: int,
         edge: float,
+        whole_first: bool,
         shapes: Mapping[str, Mapping[str, float]],
         order: str,
     ) -> None:
         self.background, self.raised, self.smallest, self.edge = background, raised, smallest, edge
         self.colors = list(palette)
         self.palette = lab(np.array([palette[name] for name in self.colors], dtype=float))
-        self.shapes, self.order = shapes, order
+        self.whole_first, self.shapes, self.order = whole_first, shapes, order
 
     def __call__(self, heightmap: np.ndarray, grid: PixelGrid, task: Any) -> Scene:
         """Segments and names what stands up; see :class:`Perception`. The world is not asked."""
@@ -112,37 +114,49 @@ class Vision:
         color, height = heightmap[:3], heightmap[3]
         seen = (heightmap != 0).any(0)
         floor = float(np.median(height[seen])) if seen.any() else 0.0
-        # Two objects that touch are told apart by the step between them.
+        # Two objects that touch are told apart by the step between them; the step itself belongs to what is nearest.
         steep = ndimage.maximum_filter(height, 3) - ndimage.minimum_filter(height, 3) > self.edge
-        cores, count = ndimage.label((height > floor + self.raised) & seen & ~steep)
-        regions, _ = ndimage.label((height > floor + self.raised) & seen)
+        raised = (height > floor + self.raised) & seen
+        regions, _ = ndimage.label(raised)
+        cores, count = ndimage.label(raised & ~steep)
+        if self.whole_first:
+            for region in range(1, regions.max() + 1):
+                inside = regions == region
+                if self._shape(height, inside, inside, grid.pixel_size) is not None:
+                    cores[inside] = count = count + 1
+        large = np.append(0, ndimage.sum_labels(np.ones_like(cores), cores, np.arange(1, count + 1))) >= self.smallest
+        cores = np.where(large[cores], cores, 0)
         cells = np.full(height.shape, -1)
+        if not cores.any():
+            return Scene([], cells, self.background, grid.bounds, height)
+        nearest = tuple(ndimage.distance_transform_edt(cores == 0, return_distances=False, return_indices=True))
+        owner = np.where(raised & (regions == regions[nearest]), cores[nearest], 0)
         names: list[str] = []
-        for core in range(1, count + 1):
-            inside = cores == core
-            if inside.sum() < self.smallest:
-                continue
-            grown = ndimage.binary_dilation(inside, iterations=2) & (regions == regions[tuple(np.argwhere(inside)[0])])
-            cells[grown & (cells < 0)] = len(names)
-            names.append(self._name(color[:, inside], height, inside, grid.pixel_size))
+        for core in np.flatnonzero(large):
+            # What is low or hidden in its middle belongs to what surrounds it, unless it is an object itself.
+            whole = ndimage.binary_fill_holes(owner == core) & ((owner == 0) | (owner == core))
+            cells[whole & (cells < 0)] = len(names)
+            names.append(self._name(color[:, cores == core], height, cores == core, whole & seen, grid.pixel_size))
         return Scene(names, cells, self.background, grid.bounds, height)
 
-    def _name(self, color: np.ndarray, height: np.ndarray, inside: np.ndarray, pixel_size: float) -> str:
+    def _name(self, color: np.ndarray, height: np.ndarray, inside: np.ndarray, whole: np.ndarray, pixel_size: float) -> str:
         shade = lab(np.median(color, axis=1)[None])[0]
         # Lightness says more of the lamp than of the paint.
         nearest = int(np.argmin(((self.palette - shade) ** 2 * (0.1, 1, 1)).sum(-1)))
+        shape = self._shape(height, inside, whole, pixel_size)
+        return self.order.format(color=self.colors[nearest], shape=shape) if shape is not None else f"{self.colors[nearest]} object"
+
+    def _shape(self, height: np.ndarray, inside: np.ndarray, whole: np.ndarray, pixel_size: float) -> str | None:
+        """The first shape whose rules hold: of the plane through the cells ``inside``, and of the heights of the ``whole`` thing."""
         rows, columns = np.nonzero(inside)
-        z = height[inside]
-        plane, *_ = np.linalg.lstsq(np.column_stack((rows, columns, np.ones(len(rows)))), z, rcond=None)
+        plane, *_ = np.linalg.lstsq(np.column_stack((rows, columns, np.ones(len(rows)))), height[inside], rcond=None)
         features = {
             "slope": float(np.rad2deg(np.arctan(np.hypot(plane[0], plane[1]) / pixel_size))),
-            "hollow": float(np.quantile(z, 0.95) - np.median(z)),
-            "extent": float(max(np.ptp(rows), np.ptp(columns)) + 1) * pixel_size,
+            "hollow": float(np.quantile(height[whole], 0.95) - np.median(height[whole])),
+            "extent": float(max(np.ptp(side) + 1 for side in np.nonzero(whole))) * pixel_size,
         }
-        for shape, rules in self.shapes.items():
-            if all(_holds(rule, limit, features) for rule, limit in rules.items()):
-                return self.order.format(color=self.colors[nearest], shape=shape)
-        return f"{self.colors[nearest]} object"
+        fitting = (name for name, rules in self.shapes.items() if all(_holds(*rule, features) for rule in rules.items()))
+        return next(fitting, None)
 
 
 def _holds(rule: str, limit: float, features: dict[str, float]) -> bool:
