@@ -94,6 +94,7 @@ def test_fixed_questions_are_understood_answered_and_grounded(task: str) -> None
         ("What is the second best?", "runner_up", ["the red inclined block", "1.08", "+0.92"]),
         ("Where is B?", "where", ["row 2, column 2"]),
         ("What do you see?", "scene", ["three objects", "one gray flat block"]),
+        ("Why not the other blue flat block?", "missing", ["no other blue flat block"]),
         ("Why not red?", "contrastive", ["red inclined block (B)"]),
         ("Why not green?", "missing", ["no green thing"]),
         ("Why not the purple cube?", "missing", ["no purple cube"]),
@@ -118,6 +119,16 @@ def test_follow_up_questions_refer_back() -> None:
     assert "flatness counted 3.00 times" in talk.ask("what about flatness?").answer
     talk.ask("Why not B?")
     assert "0.05 for the red inclined block" in talk.ask("How flat is it?").answer
+
+
+def test_questions_about_a_table_of_cubes_and_bowls() -> None:
+    talk = dialogue("grasping")
+    assert "shape speaks for it (+0.95), though color speaks against it (-0.19)" in talk.ask("Why not the purple bowl?").answer
+    assert "shape is 0.03 for the purple bowl" in talk.ask("Is it graspable?").answer
+    assert "color is 0.61 for the green bowl" in talk.ask("What is the rank of the green bowl?").answer.lower()
+    assert "I would choose the purple bowl" in talk.ask("What if only color counted?").answer
+    assert talk.ask("How many cubes are there?").kind == "scene"
+    assert not any(exchange.ungrounded for exchange in talk.exchanges)
 
 
 def test_one_map_for_the_whole_reward_is_talked_about_honestly() -> None:

@@ -219,9 +219,8 @@ def _named(candidate: Candidate, decision: Decision) -> str:
     name = the(candidate.object)
     if candidate.object == chosen.object and not together(candidate, chosen):
         name = f"another {candidate.object}" if candidate.object_index is not None else f"another spot of {the(candidate.object)}"
-    if candidate.label == candidate.object and any(
-        c.object == candidate.object and c.pixel != candidate.pixel for c in decision.alternatives
-    ):
+    here = [c for c in decision.alternatives if (c.object, c.object_index) == (candidate.object, candidate.object_index)]
+    if candidate.label == candidate.object and any(c.pixel != candidate.pixel for c in here):
         # A candidate lies on it too, elsewhere.
         return f"{name} at its best spot"
     return name if candidate.label in ("", candidate.object) else f"{name} ({candidate.label})"

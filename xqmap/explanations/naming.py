@@ -49,6 +49,10 @@ def missing(text: str, decision: Decision) -> str | None:
     names = [candidate.object.lower().split() for candidate in (*decision.candidates, *decision.objects)]
     nouns = {name[-1] for name in names} | {"one", "cube", "bowl", "block"}
     lowered = text.lower()
+    own = decision.selected.object.lower()
+    if re.search(rf"\b(?:an)?other {re.escape(own)}\b", lowered):
+        apart = [c for c in (*decision.candidates, *decision.objects) if c.object.lower() == own and not _one(c, decision.selected)]
+        return None if apart else f"other {own}"
     if any(" ".join(name) in lowered for name in names):
         return None
     for match in re.finditer(rf"\b(?:the|a|an|that)\s+((?:[a-z]+\s+){{0,2}})({'|'.join(sorted(map(re.escape, nouns)))})\b", lowered):

@@ -48,7 +48,7 @@ def qmaps(decision: Decision) -> Figure:
     with plt.rc_context(STYLE):
         _require_maps(decision)
         panels, rows = _panels(decision)
-        figure = plt.figure(figsize=(_panel_width(decision) * panels, 3.4 * rows), layout="constrained")
+        figure = plt.figure(figsize=(_panel_width(decision) * panels, _panel_height(decision) * rows), layout="constrained")
         _draw_maps(decision, figure)
         return figure
 
@@ -109,7 +109,7 @@ def overview(decision: Decision, dialogue: list[tuple[str, str]] | None = None) 
         texts = [[said["shallow"], *said["contrastive"]], [line for q, a in dialogue or [] for line in (f"— {q}", a)]]
         # About 15 characters of the text's size fit an inch.
         wrapped = [[textwrap.fill(line.replace("$", r"\$"), int(15 * width)) for line in lines] for lines in texts if lines]
-        parts = [("Part 1 · Q-Maps", 3.4 * map_rows)] if decision.maps is not None else []
+        parts = [("Part 1 · Q-Maps", _panel_height(decision) * map_rows)] if decision.maps is not None else []
         parts += [("Part 2 · values and differences", bars_height)]
         titles = ("Part 3 · why this one, and why not another", "Part 4 · asked")
         parts += [(title, 0.45 + 0.19 * sum(1 + line.count("\n") for line in lines)) for title, lines in zip(titles, wrapped, strict=False)]
@@ -172,7 +172,12 @@ def _panel_width(decision: Decision) -> float:
     if decision.maps is None:
         return 0.0
     rows, columns = decision.maps.shape[-2:]
-    return min(3.2, 0.8 + 2.9 * columns / rows)
+    return min(3.2, 0.8 + (_panel_height(decision) - 0.5) * columns / rows)
+
+
+def _panel_height(decision: Decision) -> float:
+    """Inches; a map that is tall gets more of them."""
+    return 4.6 if decision.maps is not None and decision.maps.shape[-2] > 1.5 * decision.maps.shape[-1] else 3.4
 
 
 def _draw_maps(decision: Decision, figure: Any) -> None:
@@ -204,34 +209,29 @@ def _draw_maps(decision: Decision, figure: Any) -> None:
 
 
 def _mark(decision: Decision, axis: Axes) -> None:
-    """Marks each candidate's cell: a star for the selected one, a ring for the others; labels that share a cell stand together."""
+    """Rings each candidate's cell, which stays visible; beside it its label, ★ for the selected one; labels of one cell stand together."""
     cells: dict[tuple[int, int], list[str]] = {}
     for candidate in decision.candidates:
         if candidate.pixel is not None:
-            cells.setdefault(candidate.pixel, []).append(candidate.label)
+            cells.setdefault(candidate.pixel, []).append("★" if candidate.label == SELECTED else candidate.label)
     assert decision.heightmap is not None
     rows, columns = decision.heightmap.shape[-2:]
     for (row, column), labels in cells.items():
-        if SELECTED in labels:
-            axis.plot(column, row, "*", ms=14, mfc="white", mec="black", mew=1.1, zorder=4)
-        else:
-            axis.plot(column, row, "o", ms=9, mfc="none", mec="white", mew=3)
-            axis.plot(column, row, "o", ms=9, mfc="none", mec="black", mew=1.1)
-        letters = ", ".join(name for name in labels if name != SELECTED)
-        if letters:
-            # Towards the middle, so that no label leaves the map.
-            away = (-11 if column > columns / 2 else 11, -11 if row > rows / 2 else 11)
-            axis.annotate(
-                letters,
-                (column, row),
-                xytext=away,
-                textcoords="offset points",
-                ha="center",
-                va="center",
-                fontsize=8,
-                zorder=5,
-                bbox={"boxstyle": "round,pad=0.2", "fc": "white", "ec": "0.3", "lw": 0.6, "alpha": 0.9},
-            )
+        axis.plot(column, row, "o", ms=11, mfc="none", mec="white", mew=3)
+        axis.plot(column, row, "o", ms=11, mfc="none", mec="black", mew=1.1)
+        # Towards the middle, so that no label leaves the map.
+        away = (-13 if column > columns / 2 else 13, -13 if row > rows / 2 else 13)
+        axis.annotate(
+            " ".join(labels),
+            (column, row),
+            xytext=away,
+            textcoords="offset points",
+            ha="center",
+            va="center",
+            fontsize=11 if "★" in labels else 9,
+            zorder=5,
+            bbox={"boxstyle": "round,pad=0.2", "fc": "white", "ec": "0.3", "lw": 0.6, "alpha": 0.9},
+        )
 
 
 def _stacked(decision: Decision) -> bool:

@@ -26,7 +26,8 @@ ASKS = {
     "contrastive": r"\bwhy\b.*\b(not|rather|instead|over|than|better)\b|\bwhy (did|do|have|are|was|is|could|would)n.?t\b|\bcompare"
     r"|\bversus\b|\bvs\b|\bdifferen|\b(better|worse|best) (than|of)\b|\bwrong with\b|\bagainst\b|\binstead of\b",
     "list": r"\b(what|which|who|list|show|name)\b.*\b(candidates?|options?|alternatives?|choices)\b|what else",
-    "scene": r"^(?!.*\bbest\b).*(what (do|can|did) you see|\b(what|which|how many|list|name)\b.*\b"
+    "scene": r"^(?!.*\bbest\b).*(what (do|can|did) you see|what('s| is| are) (there|in|on)\b"
+    r"|\b(what|which|how many|list|name|show)( me)?( all)?( the)? "
     r"(objects?|things?|blocks?|cubes?|bowls?|scene)\b)",
     "component_of": r"\bhow\b|\bwhat\b|\bvalue\b|\brole\b|^(is|was|does|did|are)\b|\bscore|\btell me\b|\bmuch\b",
     "values": r"\bvalues?\b|\bhow good\b|\bscore|\bworth\b|\bnumbers?\b|\btell me about\b|\bwhat is\b|\bhow much\b",
