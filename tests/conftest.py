@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+import hypothesis
 import pytest
 from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig, open_dict
@@ -25,6 +26,11 @@ def toy_settings(*overrides: str) -> DictConfig:
         cfg.task.weights = dict.fromkeys(ToyTask.REWARD_COMPONENTS, 1.0)
         cfg.task.env = {"_target_": "tests.toy.ToyTask"}
     return cfg
+
+
+# A busy machine is no failure.
+hypothesis.settings.register_profile("untimed", deadline=None)
+hypothesis.settings.load_profile("untimed")
 
 
 @pytest.fixture
