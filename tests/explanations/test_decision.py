@@ -20,7 +20,7 @@ from xqmap.errors import UserError
 from xqmap.explanations import Candidate, Decision, contrast, plots
 from xqmap.explanations.decision import label
 from xqmap.explanations.page import page
-from xqmap.explanations.perception import Scene, Simulator, Vision, agreement
+from xqmap.explanations.perception import Scene
 from xqmap.explanations.sentences import listed, number, signed
 
 VALUE = st.floats(-2, 2, allow_nan=False).map(lambda v: round(v, 3))
@@ -362,40 +362,3 @@ def test_maps_are_saved_beside_the_decision_and_read_back(tmp_path: Path) -> Non
     (tmp_path / "other.npz").rename(tmp_path / "decision.npz")
     with pytest.raises(UserError, match="does not belong"):
         Decision.load(tmp_path / "decision.json")
-
-
-def test_perceptions_agree_on_a_plain_scene() -> None:
-    class Thing:
-        def __init__(self, name: str, x: float, y: float) -> None:
-            self.name, self.top, self.attributes = name, 1.0, {}
-            self.footprint = np.array([[x, y], [x + 1, y], [x + 1, y + 1], [x, y + 1]])
-
-    class World:
-        BACKGROUND = "ground"
-
-        def scene_objects(self) -> list[Thing]:
-            return [Thing("red flat block", 0.5, 0.5), Thing("blue inclined block", 2.5, 2.0)]
-
-    from xqmap.envs.heightmap import PixelGrid
-
-    grid = PixelGrid([[0, 4], [0, 4], [0, 3]], 0.1)
-    image = np.full((4, 40, 40), 120.0, dtype=np.float32)
-    image[3] = 0.05
-    image[:3, 5:15, 5:15] = np.array([200, 60, 50])[:, None, None]
-    image[3, 5:15, 5:15] = 1.0
-    image[:3, 20:30, 25:35] = np.array([60, 90, 180])[:, None, None]
-    image[3, 20:30, 25:35] = 1.0 + 0.03 * np.arange(10)
-    truth = Simulator()(image, grid, World())
-    seen = Vision(
-        "ground",
-        {"red": [200, 60, 50], "blue": [60, 90, 180], "gray": [120, 120, 120]},
-        0.15,
-        9,
-        0.4,
-        False,
-        {"flat": {"max_slope": 5.0}, "inclined": {"min_slope": 5.0}},
-        "{color} {shape} block",
-    )(image, grid, None)
-    assert agreement(truth, seen) == (2, 2)
-    assert seen.name((0, 0)) == truth.name((0, 0)) == "ground"
-    assert truth.position((20, 25)) == pytest.approx((2.55, 2.05, 1.0))

@@ -178,7 +178,7 @@ def _name(name: str) -> str:
 
 def _marked(text: str) -> str:
     """Text that Markdown and the HTML in it leave as it is."""
-    return re.sub(r"([\\`*_{}\[\]<>()#!|&~])", r"\\\1", text)
+    return re.sub(r"([\\`*_\[\]<>#!|&~])", r"\\\1", text)
 
 
 def printable(text: str) -> str:

@@ -281,6 +281,8 @@ def _draw_rdx(decision: Decision, axis: Axes, pairs: list[tuple[str, str]]) -> N
     axis.set_ylabel("difference")
     axis.set_title("Differences (RDX): above zero speaks for the first")
     axis.margins(y=0.15)
+    if not any(any(decision.rdx(*pair).values()) for pair in pairs):
+        axis.set_ylim(-1, 1)
 
 
 def _legend(decision: Decision, axis: Axes) -> None:
