@@ -36,7 +36,7 @@ from tasks.agents.ur5e import UR5e, cup_reach, joints_at
 from tasks.base import DecisionEnv, SceneObject
 from tasks.primitives import Arm, pick
 from tasks.suction import Suction, seals
-from tasks.tabletop import FRICTION, INSIDE, TOP, Thing, cube_top, entity, footprint, sample_layout
+from tasks.tabletop import FRICTION, INSIDE, TOP, Thing, body_of, cube_top, entity, footprint, pose_of, sample_layout
 from tasks.workcell import BIN, BOUNDS, HOME_HEIGHT, PIXEL_SIZE
 
 # Objects are at rest when none is faster (m/s); they get this many simulation steps to come to rest.
@@ -311,13 +311,3 @@ class GraspingEnv(DecisionEnv):
             attributes = {"color": thing.color, "kind": thing.kind, "rank": thing.rank}
             found.append(SceneObject(thing.name, footprint(thing.kind, pose[:3, 3], pose[:3, :3]), top, attributes))
         return found
-
-
-def body_of(built: sapien.Entity) -> sapien.physx.PhysxRigidDynamicComponent:
-    """The rigid body of an object."""
-    return built.find_component_by_type(sapien.physx.PhysxRigidDynamicComponent)
-
-
-def pose_of(built: sapien.Entity) -> np.ndarray:
-    """``[4, 4]``: of an object in the world."""
-    return np.asarray(built.pose.to_transformation_matrix(), dtype=np.float64)

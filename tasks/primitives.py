@@ -11,6 +11,7 @@ import sapien
 from tasks.agents.kinematics import forward
 from tasks.agents.ur5e import TOOL, UR5e, joints_at
 from tasks.suction import SLIP, Suction
+from tasks.tabletop import body_of
 
 # The fastest a joint turns on a way through the air (rad/s; the arm's own limit is π), and the shortest such way (s).
 JOINT_SPEED = 2.6
@@ -151,13 +152,15 @@ def pick(
 
     sealed = touched is not None and seals(touched)
     if touched is not None and sealed:
-        suction.activate(touched.find_component_by_type(sapien.physx.PhysxRigidDynamicComponent))
+        suction.activate(body_of(touched))
         arm.wait(DRAW)
-    dropped = arm.line(over, SPEED, lost)
-    if dropped:
-        suction.release()
-        arm.line(over, SPEED)
-    dropped = arm.travel(home, lost) or dropped
+    dropped = False
+    for way in (lambda: arm.line(over, SPEED, lost), lambda: arm.travel(home, lost)):
+        if way():
+            dropped = True
+            suction.release()
+            # Without its load the arm goes on: it must not stand in the next picture.
+            way()
     delivered = sealed and not dropped and arm.steps < arm.limit
     suction.release()
     arm.wait(REST)

@@ -208,6 +208,16 @@ def entity(thing: Thing) -> sapien.Entity:
     return built
 
 
+def body_of(built: sapien.Entity) -> sapien.physx.PhysxRigidDynamicComponent:
+    """The rigid body of an object."""
+    return built.find_component_by_type(sapien.physx.PhysxRigidDynamicComponent)
+
+
+def pose_of(built: sapien.Entity) -> np.ndarray:
+    """``[4, 4]``: of an object in the world."""
+    return np.asarray(built.pose.to_transformation_matrix(), dtype=np.float64)
+
+
 @cache
 def _mesh(kind: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Triangles for drawing: vertices, triangles, normals; round where a bowl is round, sharp at edges."""

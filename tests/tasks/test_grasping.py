@@ -12,8 +12,8 @@ import torch
 
 from tasks.agents.kinematics import forward
 from tasks.agents.ur5e import joints_at
-from tasks.grasping import GraspingEnv, body_of, pose_of
-from tasks.tabletop import CUBE, OUTSIDE, RANK, Thing, cube_top
+from tasks.grasping import GraspingEnv
+from tasks.tabletop import CUBE, OUTSIDE, RANK, Thing, body_of, cube_top, pose_of
 from tasks.workcell import BOUNDS, CAMERAS, PIXEL_SIZE
 from tests.settings import world_settings
 from xqmap.envs.maniskill import ManiSkillEnv
@@ -94,14 +94,16 @@ def test_the_lifted_cube_lies_in_the_bin(world: GraspingEnv) -> None:
     assert 0 < cube.pose.p[2] < 0.1
 
 
-def test_a_cube_that_drops_on_the_way_is_a_failure(world: GraspingEnv, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("holds", [20, 60], ids=["while it is lifted", "on the way to the bin"])
+def test_a_cube_that_drops_is_a_failure_and_the_arm_goes_home(world: GraspingEnv, monkeypatch: pytest.MonkeyPatch, holds: int) -> None:
     put(world, CUBE_AT, Thing("cube", "red", 0.7, 0.4))
     held = iter(range(10_000))
-    monkeypatch.setattr(world.suction, "slip", lambda: 0.0 if next(held) < 20 else 1.0)
+    monkeypatch.setattr(world.suction, "slip", lambda: 0.0 if next(held) < holds or world.suction.body is None else 1.0)
     components, info = attempt(world, CUBE_AT.x, CUBE_AT.y, CUBE)
     assert components == pytest.approx([0.0, RANK["blue"]])
     assert float(info["sealed"]) == 1 and not world._binned
-    assert "blue cube" in {thing.name for thing in world.scene_objects()}
+    assert "blue cube" in {thing.name for thing in world._things.values()}
+    assert np.allclose(world.agent.robot._objs[0].get_qpos(), world._home, atol=0.01)
 
 
 def test_touching_is_enough_with_the_touch_seal(world: GraspingEnv, monkeypatch: pytest.MonkeyPatch) -> None:
