@@ -94,6 +94,11 @@ class DecisionEnv(BaseEnv):
         """``[M]`` bool: whether the primitive can be tried at each of the points ``[M, 3]``."""
         return np.ones(len(points), dtype=bool)
 
+    @property
+    def backends(self) -> dict[str, str]:
+        """What simulates and what draws the world, by ManiSkill's names."""
+        return {"simulation": self.backend.sim_backend, "rendering": self.backend.render_backend}
+
     # -- ManiSkill's side ----------------------------------------------------------------------------------------------
 
     def control_step(self, action: Any = None) -> None:

@@ -46,10 +46,12 @@ def test_every_method_trains_evaluates_and_leaves_what_it_should(
     result = commands.evaluate_run(run_directory, cfg.evaluation, run_directory / "evaluation.json")
     assert json.loads((run_directory / "evaluation.json").read_text()) == result
     made = {"runs", "success", "confusion", "baselines"}
-    assert {"task", "method", "training_seed", "settings", "weights_sha256", "versions"} | made == set(result)
+    assert {"task", "method", "training_seed", "settings", "decisions", "weights_sha256", "machine", "versions"} | made == set(result)
     assert sum(count for bests in result["confusion"].values() for count in bests.values()) == result["success"]["choices"]
     assert set(result["runs"][0]) == {"seed", "choices", "correct", "regret", "components"}
     assert result["baselines"]["oracle"]["mean"] == 1.0
+    assert {"threads", "device", "training_precision", "simulation", "rendering"} <= set(result["machine"])
+    assert result["decisions"] == cfg.trainer.frames
     with open(run_directory / "metrics.csv", newline="") as file:
         rows = list(csv.DictReader(file))
     assert float(rows[-1]["frames"]) == cfg.trainer.frames

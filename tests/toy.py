@@ -36,6 +36,7 @@ class ToyTask:
     REWARD_COMPONENTS = ("left", "right")
     BACKGROUND = "table"
     METRICS = ("distance_m",)
+    backends = {"simulation": "toy", "rendering": "toy"}  # noqa: RUF012
     frame_rate = 1.0
 
     def __init__(self, weights: dict[str, float] | None = None, first: tuple[int, ...] = (0, 1, 2)) -> None:

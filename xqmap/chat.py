@@ -9,6 +9,7 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 from tqdm import tqdm
+from yaml import YAMLError
 
 from xqmap import build, checkpoint, cli, commands
 from xqmap.errors import UserError
@@ -85,7 +86,7 @@ def score(dialogue: Dialogue, path: Path) -> None:
     """Asks a file of questions and prints how many answers are grounded, and how many say what is expected of them."""
     try:
         questions: Any = OmegaConf.to_container(OmegaConf.load(path))
-    except (OSError, OmegaConfBaseException, ValueError) as error:
+    except (OSError, OmegaConfBaseException, YAMLError, ValueError, RecursionError) as error:
         raise UserError(f"questions={path} cannot be read ({str(error).splitlines()[0][:80]})") from None
     if not isinstance(questions, list) or not questions or not all(isinstance(entry, dict) and "ask" in entry for entry in questions):
         raise UserError(f"questions={path} must be a list of entries with ask, and kind or says")

@@ -179,13 +179,14 @@ def home(place: str | Path) -> Path:
 
 @dataclass
 class Run:
-    """A finished training: its settings, its policy, its values' typical error by component, and where it lies."""
+    """A training: its settings, its policy, its values' typical error by component, where it lies, and the decisions learned from."""
 
     directory: Path
     cfg: DictConfig
     policy: GreedyPolicy
     noise: dict[str, float]
     sha256: str
+    decisions: int
 
 
 def load_run(place: str | Path) -> Run:
@@ -202,8 +203,9 @@ def load_run(place: str | Path) -> Run:
     cfg = settings(facts, file)
     misfit = f"{file} does not fit its own settings"
     try:
+        decisions = int(facts["frames"])
         pixel_size, noise = float(facts["pixel_size"]), {str(name): float(value) for name, value in facts["noise"].items()}
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError, AttributeError) as error:
         raise UserError(f"{misfit} ({error}): train again") from None
     if not (math.isfinite(pixel_size) and pixel_size > 0 and all(map(math.isfinite, noise.values()))):
         raise UserError(f"{misfit} (pixel size or noise is not a number above 0): train again")
@@ -215,7 +217,7 @@ def load_run(place: str | Path) -> Run:
         network.load_state_dict(tensors)
     except (RuntimeError, ValueError, TypeError, OverflowError) as error:
         raise UserError(f"{misfit} ({str(error).splitlines()[0][:200]}): train again") from None
-    return Run(home(place), cfg, GreedyPolicy(network).eval(), noise, facts["sha256"])
+    return Run(home(place), cfg, GreedyPolicy(network).eval(), noise, facts["sha256"], decisions)
 
 
 def settings(facts: dict[str, Any], file: Path) -> DictConfig:

@@ -25,6 +25,8 @@ from xqmap.errors import Stopped, UserError
 
 # Hydra's own short message would be followed by advice to set this; we print one line ourselves.
 os.environ.setdefault("HYDRA_FULL_ERROR", "1")
+# Settings of the commands that name a file or directory.
+PLACES = ("run", "runs", "decision", "out", "questions", "resume")
 CONF = str(Path(conf.__path__[0]).resolve())
 
 
@@ -40,10 +42,14 @@ def main(config_name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[
             schema.register()
             logging.getLogger("torchrl").setLevel(logging.WARNING)
             failed: list[Exception] = []
+            composed = False
 
             def guarded(cfg: DictConfig) -> Any:
+                nonlocal composed
+                composed = True
                 schema.register()  # a parallel launcher's process has not
                 try:
+                    _read_places(cfg)
                     return command(cfg)
                 except BaseException as error:
                     _forget_empty_run()
@@ -63,7 +69,8 @@ def main(config_name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[
                 print("stopped", file=sys.stderr)
                 sys.exit(130)
             except Exception as error:
-                if not (line := told(error)):
+                # Before the command began, whatever went wrong is a mistake in its arguments, of whichever type Hydra makes it.
+                if not (line := told(error) if composed else told(error) or mistake(error)):
                     raise
                 sys.exit(one_line(line))
 
@@ -77,7 +84,7 @@ def told(error: Exception) -> str:
     if isinstance(error, UserError):
         return str(error)
     if isinstance(error, HydraException | OmegaConfBaseException):
-        return _mistake(error)
+        return mistake(error)
     if isinstance(error, OSError):
         place = f"{error.strerror or error}: {error.filename or 'a file of this run'}"
         return f"{place} (another directory: hydra.run.dir=DIR or out=PLACE)"
@@ -89,6 +96,16 @@ def told(error: Exception) -> str:
 def _terminate(number: int, frame: FrameType | None) -> None:
     print("stopped", file=sys.stderr)
     raise Stopped(number)
+
+
+def _read_places(cfg: DictConfig) -> None:
+    """Makes a text of every file or directory that was given: one named 7 would be a number."""
+    for name in PLACES:
+        value = cfg.get(name) if name in cfg and not OmegaConf.is_missing(cfg, name) else None
+        if OmegaConf.is_config(value) or (isinstance(value, str) and "\0" in value):
+            raise UserError(f"{name}={value} must be one file or directory")
+        if isinstance(value, bool | int | float):
+            cfg[name] = str(value)
 
 
 def required(cfg: DictConfig, name: str, example: str) -> Any:
@@ -137,7 +154,7 @@ def one_line(text: str) -> str:
     return "error: " + " ".join("".join(c if c.isprintable() else " " for c in text).split())
 
 
-def _mistake(error: Exception) -> str:
+def mistake(error: Exception) -> str:
     """Hydra's message without its stack of causes and its advice."""
     cause: BaseException = error
     while cause.__cause__ is not None:
@@ -145,9 +162,9 @@ def _mistake(error: Exception) -> str:
     lines = [line.strip() for line in str(cause if str(cause) else error).splitlines() if line.strip()]
     if "Config search path:" in lines:
         lines = lines[: lines.index("Config search path:")]
-    kept = [line for line in lines if not line.startswith(("object_type", "reference_type"))]
+    kept = [line for line in lines if not line.startswith(("object_type", "reference_type", "See https://"))]
     key = next((line.removeprefix("full_key:").strip() for line in kept if line.startswith("full_key:")), "")
     if any("Missing mandatory value: task" in line for line in kept):
         return "no task: add +task=NAME, one of conf/task (+task=landing)"
     text = " ".join(line for line in kept if not line.startswith("full_key:"))
-    return f"{key}: {text}" if key and key not in text else text
+    return f"{key}: {text}" if key and key not in text else text or f"these arguments cannot be read ({type(error).__name__})"

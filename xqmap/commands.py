@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from torchrl.envs.utils import step_mdp
 
 from xqmap import build, checkpoint, doctor, evaluation, keys
 from xqmap.checkpoint import Run, load_run
+from xqmap.envs.maniskill import ManiSkillEnv
 from xqmap.explanations import Decision, calibration
 
 
@@ -46,7 +48,9 @@ def evaluate_run(run: Path | Run, settings: DictConfig, out: Path, sheet: str | 
         **({"sheet": sheet} if sheet else {}),
         **played,
         "settings": settings_of(run.cfg, settings),
+        "decisions": run.decisions,
         "weights_sha256": run.sha256,
+        "machine": machine(run, env),
         "versions": checkpoint.versions(),
     }
     checkpoint.write_atomically(out, (json.dumps(result, indent=1) + "\n").encode())
@@ -55,6 +59,13 @@ def evaluate_run(run: Path | Run, settings: DictConfig, out: Path, sheet: str | 
         print(calibration.table(played["calibration"]))
     print(f"wrote {out}")
     return result
+
+
+def machine(run: Run, env: ManiSkillEnv) -> dict[str, Any]:
+    """What the same seed gives the same numbers on: threads, device and arithmetic, and what simulates and draws the world."""
+    cfg = run.cfg
+    computing = {"threads": torch.get_num_threads(), "processors": os.cpu_count(), "device": build.device(cfg).type}
+    return {**computing, "training_precision": "bf16" if build.bf16(cfg) else "fp32", **env.task.backends}
 
 
 def settings_of(cfg: DictConfig, settings: DictConfig) -> dict[str, Any]:

@@ -54,6 +54,11 @@ class Task(Protocol):
     frames: list[np.ndarray]
 
     @property
+    def backends(self) -> dict[str, str]:
+        """What simulates and what draws: ``{"simulation": "physx_cpu", "rendering": "sapien_cpu"}``."""
+        ...
+
+    @property
     def frame_rate(self) -> float:
         """Of ``frames``, per second of simulated time."""
         ...

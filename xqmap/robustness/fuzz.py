@@ -170,9 +170,10 @@ def overrides(cases: int) -> dict[str, int]:
     schema.register()
 
     def check(arguments: list[str]) -> bool:
-        def act() -> None:
-            schema.validate(compose("config", ["+task=landing", *arguments]))
-
-        return _refused(act)
+        try:
+            cfg = compose("config", ["+task=landing", *arguments])
+        except Exception as error:
+            return bool(cli.mistake(error))
+        return _refused(lambda: schema.validate(cfg))
 
     return _run(strategy, check, cases, "overrides")
