@@ -49,6 +49,12 @@ def test_jobs_share_no_directory_no_wandb_id_and_no_scene(sweep: Callable[..., P
     # A name that run=DIR takes as it is.
     assert found[0].name == "+task-toy+method-qlearning+seed-0"
     assert len({json.loads((job / "evaluation.json").read_text())["weights_sha256"] for job in found}) == 4
+    # The baselines were played once.
+    played = [json.loads((job / "evaluation.json").read_text()) for job in found]
+    assert sorted("baselines_from" in content for content in played) == [False, True, True, True]
+    first = next(job for job, content in zip(found, played, strict=True) if "baselines_from" not in content)
+    assert {content.get("baselines_from", f"{first.name}/evaluation.json") for content in played} == {f"{first.name}/evaluation.json"}
+    assert all(content["baselines"] == played[0]["baselines"] != {} for content in played)
     assert "bootstrap" in (folder / "table.csv").read_text()
     with open(folder / "table.csv", newline="") as file:
         rows = {row["method"]: row for row in csv.DictReader(file)}

@@ -17,7 +17,9 @@ from xqmap.envs.maniskill import ManiSkillEnv
 from xqmap.explanations import Decision, calibration
 
 
-def evaluate_run(run: Path | Run, settings: DictConfig, out: Path, sheet: str | None = None) -> dict[str, Any]:
+def evaluate_run(
+    run: Path | Run, settings: DictConfig, out: Path, sheet: str | None = None, baselines: tuple[str, dict[str, Any]] | None = None
+) -> dict[str, Any]:
     """Plays a saved policy, prints the table, writes ``evaluation.json``.
 
     Args:
@@ -25,6 +27,7 @@ def evaluate_run(run: Path | Run, settings: DictConfig, out: Path, sheet: str | 
         settings: ``seeds``, ``choices``, ``until``, ``baselines``, ``calibration``.
         out: the file to write.
         sheet: the name of what ``run.cfg`` and ``settings`` were changed by; None for a run as it was trained.
+        baselines: what they made of the same scenes before, and the file that tells it; None plays them where ``settings`` asks for them.
 
     Returns:
         What was written.
@@ -33,7 +36,10 @@ def evaluate_run(run: Path | Run, settings: DictConfig, out: Path, sheet: str | 
     env = build.make_env(run.cfg, first_scene=0)()
     try:
         until = dict(settings.until) if settings.until else None
-        played = evaluation.evaluate(run.policy, env, list(settings.seeds), settings.choices, until, settings.baselines)
+        against = baselines[1] if baselines else settings.baselines
+        played = evaluation.evaluate(run.policy, env, list(settings.seeds), settings.choices, until, against)
+        if baselines:
+            played["baselines_from"] = baselines[0]
         if settings.calibration:
             weights = [run.cfg.task.weights.get(name, 1.0) for name in env.components]
             played["calibration"] = calibration.calibrate(

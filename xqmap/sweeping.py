@@ -78,9 +78,26 @@ def saved(directory: Path, cfg: DictConfig) -> tuple[dict[str, Tensor], dict[str
 
 def evaluated(path: Path, run: checkpoint.Run) -> dict[str, Any] | None:
     """The evaluation in ``path``, if it is complete and of these weights under these settings."""
+    content = _of_these_scenes(path, run)
+    return content if content and content["weights_sha256"] == run.sha256 else None
+
+
+def baselines(sweep: Path, run: checkpoint.Run) -> tuple[str, dict[str, Any]] | None:
+    """What another job of the sweep found for the baselines in the same scenes, and in which file; None where none has played them.
+
+    No policy changes them: played once, they stand in every job's evaluation.
+    """
+    for path in sorted(sweep.glob("*/evaluation*.json")):
+        content = _of_these_scenes(path, run)
+        if content and content["baselines"] and content["versions"] == checkpoint.versions():
+            return content.get("baselines_from", str(path.relative_to(sweep))), content["baselines"]
+    return None
+
+
+def _of_these_scenes(path: Path, run: checkpoint.Run) -> dict[str, Any] | None:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
-        same = content["weights_sha256"] == run.sha256 and content["settings"] == commands.settings_of(run.cfg, run.cfg.evaluation)
+        same = content["task"] == run.cfg.task.name and content["settings"] == commands.settings_of(run.cfg, run.cfg.evaluation)
+        return content if same and {"weights_sha256", "baselines", "versions"} <= content.keys() else None
     except (OSError, ValueError, KeyError, TypeError):
         return None
-    return content if same else None

@@ -61,7 +61,8 @@ def _evaluate(cfg: DictConfig, directory: Path, again: bool) -> float:
         if played:
             print(f"{path} is complete: not played again")
         else:
-            played = commands.evaluate_run(run, run.cfg.evaluation, path, sheet)
+            known = None if again else sweeping.baselines(directory.parent, run)
+            played = commands.evaluate_run(run, run.cfg.evaluation, path, sheet, known)
         means.append(float(played["success"]["mean"]))
     return means[0]
 
