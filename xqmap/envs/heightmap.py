@@ -8,12 +8,18 @@ camera saw is 0 high and black. One departure: where cameras disagree, the cell 
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 from torch.nn import functional as F
+
+# Of one pass: their places, cells and heights fit a core's second-level cache.
+_POINTS_IN_CACHE = 2**16
+# Where the upper half of a 64-bit number lies, of its two 32-bit ones.
+_UPPER = 1 if sys.byteorder == "little" else 0
 
 
 @dataclass(frozen=True)
@@ -63,17 +69,17 @@ def unproject(depth: Tensor, intrinsics: Tensor, camera_to_world: Tensor) -> Ten
 
     Camera axes: x right, y down, z forward; pixel (u, v) is the ray through ((u - cx) / fx, (v - cy) / fy, 1).
     """
-    _, h, w = depth.shape
-    v = torch.arange(h, dtype=depth.dtype, device=depth.device).view(1, h, 1)
-    u = torch.arange(w, dtype=depth.dtype, device=depth.device).view(1, 1, w)
-    fx, fy, cx, cy = (intrinsics[:, i, j, None, None] for i, j in ((0, 0), (1, 1), (0, 2), (1, 2)))
-    across, down = (u - cx) / fx, (v - cy) / fy
-    # One plane per axis: what follows runs along memory.
-    points = depth.new_empty(3, *depth.shape)
-    for axis, plane in enumerate(points):
-        right, below, ahead, origin = camera_to_world[:, axis, :, None, None].unbind(1)
-        torch.addcmul(origin, depth, right * across + (below * down + ahead), out=plane)
-    return points.movedim(0, -1)
+    across, down, origin = _rays(intrinsics, camera_to_world, *depth.shape[1:])
+    return torch.addcmul(origin, depth[:, None], across + down).movedim(1, -1)
+
+
+def _rays(intrinsics: Tensor, camera_to_world: Tensor, h: int, w: int) -> tuple[Tensor, Tensor, Tensor]:
+    """``[N, 3, 1, w]``, ``[N, 3, h, 1]``, ``[N, 3, 1, 1]`` float32: a point is the last + depth · (the first + the second)."""
+    u, v = (torch.arange(count, dtype=torch.float64, device=intrinsics.device) for count in (w, h))
+    fx, fy, cx, cy = (intrinsics.double()[:, i, j, None] for i, j in ((0, 0), (1, 1), (0, 2), (1, 2)))
+    right, below, ahead, origin = camera_to_world.double()[:, :3, :, None].unbind(2)
+    across, down = right * ((u - cx) / fx)[:, None], below * ((v - cy) / fy)[:, None] + ahead
+    return across[:, :, None].float(), down[..., None].float(), origin[..., None].float()
 
 
 def heightmap(color: Tensor, depth: Tensor, intrinsics: Tensor, camera_to_world: Tensor, grid: PixelGrid) -> Tensor:
@@ -99,26 +105,34 @@ def heightmap(color: Tensor, depth: Tensor, intrinsics: Tensor, camera_to_world:
         )
     rows, columns = grid.shape
     (x0, _), (y0, _), (z0, z1) = grid.bounds
-    # From world metres to columns, rows and metres above the floor, in the cameras' own matrices.
-    to_grid = torch.diag(torch.tensor([1 / grid.pixel_size, 1 / grid.pixel_size, 1, 1], dtype=torch.float64))
-    to_grid[:3, 3] = -to_grid.diagonal()[:3] * torch.tensor([x0, y0, z0], dtype=torch.float64)
-    camera_to_grid = (to_grid.to(depth.device) @ camera_to_world.double()).float()
+    # From world metres to columns and rows, both from 1 on, and metres below the floor: what is kept has numbers up to 0.
+    to_grid = torch.diag(torch.tensor([1 / grid.pixel_size, 1 / grid.pixel_size, -1, 1], dtype=torch.float64))
+    to_grid[:3, 3] = torch.tensor([1.0, 1, 0]) - to_grid.diagonal()[:3] * torch.tensor([x0, y0, z0], dtype=torch.float64)
+    count, h, w = depth.shape
+    across, down, origin = _rays(intrinsics, to_grid.to(depth.device) @ camera_to_world.double(), h, w)
 
     # With a border of one cell, where what lies beside the map ends up. Height and point make one number, so that one pass finds the
     # highest point and, among equals, the first: the bits of floats order them as their values do, and negative ones never win.
     best = torch.full(((rows + 2) * (columns + 2),), -1, device=depth.device)
-    size, last = depth[0].numel(), depth.numel() - 1
-    cell, ranked = torch.empty(2, size, dtype=torch.int64, device=depth.device)
-    # Camera after camera, in the same memory: one image's points fit the processor's cache.
-    for i in range(len(depth)):
-        one = slice(i, i + 1)
-        x, y, z = unproject(depth[one].float(), intrinsics[one].float(), camera_to_grid[one]).reshape(-1, 3).unbind(-1)
-        x.floor_().clamp_(-1, columns).add_(y.floor_().clamp_(-1, rows), alpha=columns + 2).add_(columns + 3)
-        cell.copy_(x.nan_to_num_())
+    # Rows of an image after the ones before, in the same memory, which the processor's cache holds.
+    size = max(1, _POINTS_IN_CACHE // w) if depth.device.type == "cpu" else h
+    last = depth.numel() - 1
+    points = torch.empty(3, size, w, device=depth.device)
+    cells, ranks = torch.empty(2, size, w, dtype=torch.int64, device=depth.device)
+    for i, top in ((i, top) for i in range(count) for top in range(0, h, size)):
+        seen = depth[i, top : top + size].float()
+        (x, y, z), cell, rank = points[:, : len(seen)], cells[: len(seen)], ranks[: len(seen)]
+        torch.add(across[i], down[i, :, top : top + size], out=points[:, : len(seen)])
+        for plane, start in zip((x, y, z), origin[i], strict=True):
+            torch.addcmul(start, plane, seen, out=plane)
+        y.clamp_(0, rows + 1).floor_()
+        cell.copy_(x.clamp_(0, columns + 1).floor_().add_(y, alpha=columns + 2).nan_to_num_())
         # Above the ceiling, or no number: as if below the floor.
-        z = F.threshold(z.neg_(), z0 - z1, 1.0, inplace=True).neg_().nan_to_num_(nan=-1.0)
-        torch.arange(last - i * size, last - (i + 1) * size, -1, out=ranked).add_(z.view(torch.int32), alpha=2**32)
-        best.scatter_reduce_(0, cell, ranked, "amax")
+        F.threshold(z, z0 - z1, 1.0, inplace=True).nan_to_num_(nan=1.0).neg_()
+        first = last - (i * h + top) * w
+        torch.arange(first, first - seen.numel(), -1, out=rank.view(-1))
+        rank.view(torch.int32).view(*rank.shape, 2)[..., _UPPER].copy_(z.view(torch.int32))
+        best.scatter_reduce_(0, cell.view(-1), rank.view(-1), "amax")
     best = best.view(rows + 2, columns + 2)[1:-1, 1:-1].reshape(-1)
     point = (last - (best & (2**32 - 1))).clamp_(0)
     fused = torch.empty(4, rows * columns, dtype=torch.float32, device=depth.device)

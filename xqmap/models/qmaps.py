@@ -23,6 +23,13 @@ def values_at(maps: Tensor, action: Tensor) -> Tensor:
     return maps.gather(-1, action[..., None, None].expand(*maps.shape[:-1], 1)).squeeze(-1)
 
 
+def pad_to_grid(heightmap: Tensor, stride: int) -> Tensor:
+    """Empty cells below and to the right of ``[B, C, H, W]`` until ``stride`` divides H and W; the same tensor where it does."""
+    below, right = (-edge % stride for edge in heightmap.shape[-2:])
+    # torch copies the map even where there is nothing to add.
+    return F.pad(heightmap, (0, right, 0, below)) if below or right else heightmap
+
+
 def write_chosen(tensordict: TensorDictBase) -> TensorDictBase:
     """Writes ``chosen_component_value`` ``[*, K]`` and ``chosen_action_value`` ``[*, 1]`` for the ``action`` that is there."""
     action = tensordict[keys.ACTION]
@@ -89,7 +96,7 @@ class QMaps(TensorDictModuleBase):
 
     def _padded(self, heightmap: Tensor) -> Tensor:
         rows, columns = heightmap.shape[-2:]
-        heightmap = F.pad(heightmap, (0, -columns % self.stride, 0, -rows % self.stride))
+        heightmap = pad_to_grid(heightmap, self.stride)
         # Without gradients nothing has to be kept, so a processor goes map after map: the layers of one stay in its cache.
         alone = heightmap.device.type == "cpu" and not torch.is_grad_enabled()
         parts = heightmap.split(max(1, _CELLS_IN_CACHE // heightmap[0, 0].numel())) if alone else (heightmap,)

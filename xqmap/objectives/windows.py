@@ -11,7 +11,8 @@ from typing import Protocol, TypeGuard
 
 import torch
 from torch import Tensor, nn
-from torch.nn import functional as F
+
+from xqmap.models.qmaps import pad_to_grid
 
 _OVER_THE_IMAGE = (nn.modules.batchnorm._NormBase, nn.GroupNorm, nn.LayerNorm)
 
@@ -42,8 +43,8 @@ def crop(heightmap: Tensor, action: Tensor, radius: int, stride: int) -> tuple[T
         The windows ``[B, C, h, w]`` and the actions ``[B]`` within them (row · w + column). Where a window would reach over the
         map's edge it is moved inside, so that its edge is the map's.
     """
-    _, _, rows, columns = heightmap.shape
-    heightmap = F.pad(heightmap, (0, -columns % stride, 0, -rows % stride))
+    columns = heightmap.shape[-1]
+    heightmap = pad_to_grid(heightmap, stride)
     wanted = -(-(2 * radius + stride) // stride) * stride
     sizes = [min(wanted, edge) for edge in heightmap.shape[-2:]]
     cells = (action // columns, action % columns)
