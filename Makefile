@@ -18,9 +18,9 @@ $(VENV)/installed: pyproject.toml constraints.txt
 train: setup
 	$(BIN)/python -m xqmap.train +task=landing
 
-# The paper's table: both tasks, three methods. What is finished under multirun/paper is not run again.
+# The paper's table: both tasks, three methods, two jobs at a time. What is finished under multirun/paper is not run again.
 paper: setup
-	$(BIN)/python -m xqmap.train -m +sweep=paper
+	OMP_NUM_THREADS=1 $(BIN)/python -m xqmap.train -m +sweep=paper hydra/launcher=parallel
 
 # Trains the agents that run=pretrained/TASK names, with the defaults, and puts what is needed of them into the package.
 pretrained: setup
