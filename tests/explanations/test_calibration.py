@@ -57,6 +57,13 @@ def test_exact_values_are_found_right(env: Any) -> None:
         assert (exact["count"], exact["pairs"], returned["count"]) == (10, 8, 4)
 
 
+def test_a_state_in_which_no_object_can_be_reached_asks_about_none(env: Any) -> None:
+    env.task.reachable = lambda points: np.arange(len(points)) == 0
+    found = calibrate(Knowing(env), env)
+    assert found["exact"] is None
+    assert found["returns"]["left"]["count"] == 4
+
+
 def test_values_that_promise_too_much_are_found_out(env: Any) -> None:
     found = calibrate(Knowing(env, lambda values: values + 0.25), env)
     assert found["exact"]["left"]["bias"] == pytest.approx(0.25, abs=1e-6)

@@ -121,7 +121,7 @@ def _object_values(out: Any, heightmap: np.ndarray, mask: np.ndarray, env: ManiS
         if len(cells):
             values.append(maps[:, cells[total[cells].argmax()]])
             there.append(thing)
-    return np.array(values).reshape(len(there), -1), there
+    return np.array(values).reshape(len(there), len(maps)), there
 
 
 def table(result: dict[str, Any]) -> str:
