@@ -34,6 +34,20 @@ def trusted_env(cfg: DictConfig, first_scene: int) -> Any:
     return make_env(cfg, first_scene)()
 
 
+def failing_env(cfg: DictConfig, first_scene: int) -> Any:
+    """A world that fails in its ninth decision."""
+    env = trusted_env(cfg, first_scene)
+    step, made = env.task.step, iter(range(9))
+
+    def failing(action: Any) -> Any:
+        if next(made) == 8:
+            raise RuntimeError("the solver did not converge")
+        return step(action)
+
+    env.task.step = failing
+    return env
+
+
 @pytest.fixture
 def config(toy_config: Callable[..., DictConfig], monkeypatch: pytest.MonkeyPatch) -> Callable[..., DictConfig]:
     monkeypatch.setattr(build, "make_env", lambda cfg, first_scene: partial(trusted_env, cfg, first_scene))
@@ -52,7 +66,7 @@ def test_workers_get_new_weights_and_see_different_scenes(config: Callable[..., 
                 parameter.normal_(0, 0.1)
         collect.share(source, policy)
         seen, agree = [], False
-        for count, batch in enumerate(collect.batches(source)):
+        for count, batch in enumerate(collect.batches(source, cfg.collector)):
             assert bool(batch["next", "done"][-1])
             seen.append(batch["heightmap"][:, :3].amax((1, 2, 3)))
             with torch.no_grad():
@@ -100,7 +114,39 @@ def test_a_dead_worker_is_named_and_what_was_learned_is_saved(config: Callable[.
     checkpoint.load_run(run_directory)
 
 
-@pytest.mark.skipif(find_spec("ray") is None, reason="ray is not installed: pip install 'xqmap[ray]'")
+def test_workers_in_step_repeat_bit_by_bit(config: Callable[..., DictConfig], tmp_path: Path) -> None:
+    # An odd number of decisions a round: episodes of two are cut by it and put together again.
+    settings = ("collector=ordered", "collector.frames_per_batch=3", "collector.episodes_per_batch=3", "trainer.frames=24")
+    first, second = (train(config(*settings, "trainer.warmup_frames=6"), tmp_path / name) for name in "ab")
+    assert first.updates > 0
+    shas = [checkpoint.load_run(tmp_path / name).sha256 for name in "ab"]
+    assert shas[0] == shas[1]
+    scenes = [trained.replay.contents()["heightmap.color"] for trained in (first, second)]
+    assert torch.equal(*scenes)
+    assert len(scenes[0][::2].unique(dim=0)) == len(scenes[0][::2]), "no two workers see the same scene"
+
+
+needs_ray = pytest.mark.skipif(find_spec("ray") is None, reason="ray is not installed: pip install 'xqmap[ray]'")
+
+
+@pytest.mark.parametrize("name", ["ordered", pytest.param("ray", marks=needs_ray)])
+def test_a_simulator_that_fails_in_a_worker_ends_the_run_saved(
+    name: str, config: Callable[..., DictConfig], run_directory: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(build, "make_env", lambda cfg, first_scene: partial(failing_env, cfg, first_scene))
+    run_directory.mkdir()
+    trainer = Trainer(config(f"collector={name}", "trainer.frames=1000"), run_directory)
+    with pytest.raises(WorkerLost, match="worker"):
+        trainer.run()
+    trainer.close()
+    assert trainer.saved_frames == trainer.frames > 0
+    checkpoint.load_run(run_directory)
+    if name == "ordered":
+        assert "error in a worker: the simulator failed in scene" in (told := capfd.readouterr().err)
+        assert "Traceback" not in told
+
+
+@needs_ray
 def test_a_local_ray_cluster_of_two_processes_trains(config: Callable[..., DictConfig], run_directory: Path) -> None:
     trained = train(config("collector=ray", "trainer.frames=24"), run_directory)
     assert len(trained.replay) == trained.frames >= 24

@@ -94,7 +94,7 @@ class Trainer:
         start, already = time.perf_counter(), self.frames
         try:
             with tqdm(total=self.cfg.trainer.frames, initial=already, unit="decision", desc="training", mininterval=1.0) as bar:
-                for batch in collect.batches(collector):
+                for batch in collect.batches(collector, self.cfg.collector):
                     row = self._step(batch.reshape(-1))
                     if not alone:
                         self.exploration.frames.fill_(self.frames)

@@ -91,7 +91,8 @@ def test_a_newer_file_asks_for_a_newer_program(policy: Path, monkeypatch: pytest
 
 def test_a_damaged_checkpoint_is_refused_and_the_one_before_it_named(tmp_path: Path) -> None:
     for frames in (4, 8):
-        checkpoint.write(tmp_path / checkpoint.TRAINING.format(frames), {"a": torch.zeros(3)}, {"frames": frames})
+        facts = dict.fromkeys(checkpoint._TO_GO_ON, frames)
+        checkpoint.write(tmp_path / checkpoint.TRAINING.format(frames), {"a": torch.zeros(3)}, facts)
     newest, before = checkpoint.trainings(tmp_path)
     newest.write_bytes(newest.read_bytes()[:-1])
     with pytest.raises(UserError, match=f"{newest.name}.*resume=.*{before.name}"):
@@ -114,17 +115,32 @@ def test_loading_can_run_no_code() -> None:
                 assert ast.unparse(node.func) not in calls, f"{path}:{node.lineno}"
 
 
-def test_any_decision_file_is_taken_or_refused_in_one_line(tmp_path: Path) -> None:
+def test_any_decision_file_is_explained_or_refused_in_one_line(tmp_path: Path) -> None:
     count = fuzz.decisions(tmp_path, 300)
     assert 0 < count["refused"] < count["cases"]
+    assert count["crashes"] == 0
 
 
 def test_any_run_directory_is_taken_or_refused_in_one_line(policy: Path, tmp_path: Path) -> None:
     count = fuzz.run_directories(policy / checkpoint.POLICY, tmp_path / "other", 100)
     assert 0 < count["refused"] < count["cases"]
+    assert count["crashes"] == 0
+
+
+def test_a_report_on_anything_is_written_or_refused_in_one_line(tmp_path: Path) -> None:
+    count = fuzz.reports(tmp_path, 100)
+    assert 0 < count["refused"] < count["cases"]
+    assert count["crashes"] == 0
 
 
 def test_any_overrides_are_taken_or_refused_in_one_line() -> None:
     with initialize_config_dir(cli.CONF, version_base=None):
         count = fuzz.overrides(60)
     assert 0 < count["refused"] <= count["cases"]
+    assert count["crashes"] == 0
+
+
+def test_a_crash_is_counted_and_told(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fuzz, "_refused", lambda act: 1 / 0)
+    assert fuzz.decisions(tmp_path, 3)["crashes"] == 3
+    assert "ZeroDivisionError" in capsys.readouterr().out

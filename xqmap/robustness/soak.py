@@ -18,19 +18,33 @@ from xqmap.models.policy import GreedyPolicy
 
 # Decisions before memory counts as warmed up, as a share of all.
 _WARM_UP = 0.2
+# Where a process's handles of a GPU lead.
+_DEVICES = ("/dev/nvidia", "/dev/dri")
+
+
+def children() -> list[int]:
+    """Processes that this one started and that are there still."""
+    return [int(pid) for task in Path("/proc/self/task").glob("*/children") for pid in task.read_text().split()]
 
 
 def held() -> dict[str, int]:
-    """What this process holds: resident bytes, open files, threads, child processes."""
+    """What this process holds: resident bytes, open files, those among them that are a graphics device, threads, child processes."""
     gc.collect()
     pages = int(Path("/proc/self/statm").read_text().split()[1])
-    children = sum(len(task.read_text().split()) for task in Path("/proc/self/task").glob("*/children"))
+    files = [os.readlink(file) for file in Path("/proc/self/fd").iterdir() if file.is_symlink()]
     return {
         "bytes": pages * os.sysconf("SC_PAGE_SIZE"),
-        "files": len(os.listdir("/proc/self/fd")),
+        "files": len(files),
+        "devices": sum(name.startswith(_DEVICES) for name in files),
         "threads": len(os.listdir("/proc/self/task")),
-        "processes": children,
+        "processes": len(children()),
     }
+
+
+def _leaked(before: dict[str, int], after: dict[str, int]) -> dict[str, Any]:
+    """How memory grew, as a share, and what is held more of all else."""
+    more = {f"leaked_{name}": after[name] - before[name] for name in before if name != "bytes"}
+    return {"growth": after["bytes"] / before["bytes"] - 1} | more
 
 
 def soak(cfg: DictConfig, see: DictConfig, rounds: int) -> dict[str, Any]:
@@ -50,8 +64,7 @@ def soak(cfg: DictConfig, see: DictConfig, rounds: int) -> dict[str, Any]:
         end = held()
     finally:
         env.close()
-    result: dict[str, Any] = {"decisions": rounds, "growth": end["bytes"] / warm["bytes"] - 1, "mib": end["bytes"] / 2**20}
-    result |= {f"leaked_{name}": end[name] - warm[name] for name in ("files", "threads", "processes")}
+    result = {"decisions": rounds, "mib": end["bytes"] / 2**20} | _leaked(warm, end)
     return result | {f"reopened_{name}": value for name, value in reopen(cfg, 10).items()}
 
 
@@ -65,5 +78,4 @@ def reopen(cfg: DictConfig, times: int) -> dict[str, Any]:
         del env
         if i == times // 2 - 1:
             half = held()
-    end = held()
-    return {"growth": end["bytes"] / half["bytes"] - 1} | {f"leaked_{n}": end[n] - half[n] for n in ("files", "threads", "processes")}
+    return _leaked(half, held())
