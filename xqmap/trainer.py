@@ -192,7 +192,7 @@ class Trainer:
             losses = self.loss(batch)
         total = sum(value for name, value in losses.items() if name.startswith("loss_"))
         if not bool(torch.isfinite(total)):
-            raise UserError(f"the loss became {float(total)} at update {self.updates}: lower trainer.learning_rate")
+            raise UserError(f"the loss became {float(total.detach())} at update {self.updates}: lower trainer.learning_rate")
         self.optimizer.zero_grad(set_to_none=True)
         total.backward()
         norm = torch.nn.utils.clip_grad_norm_(self.parameters, self.cfg.trainer.max_grad_norm)
