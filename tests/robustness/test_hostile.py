@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import ast
+import copy
+import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
 from hydra import initialize_config_dir
 from omegaconf import DictConfig, OmegaConf
 
-from xqmap import build, checkpoint, cli, commands
+from xqmap import build, checkpoint, cli, commands, results
 from xqmap.errors import UserError
+from xqmap.explanations import Decision, plots
 from xqmap.robustness import fuzz, hostile
 
 ROOT = Path(cli.CONF).parent
@@ -99,6 +103,46 @@ def test_a_damaged_checkpoint_is_refused_and_the_one_before_it_named(tmp_path: P
         checkpoint.read_training(tmp_path)
     assert checkpoint.read_training(before)[1]["frames"] == 4
     assert newest.exists()
+
+
+@pytest.mark.parametrize(
+    ("place", "value"),
+    [
+        (("runs", 0, "choices"), 10**400),
+        (("runs", 0, "regret"), 10**400),
+        (("runs", 0, "components", "color"), float("inf")),
+        (("baselines", "random pixel", "regret"), None),
+        (("baselines", "random pixel", "ci95", 0), 1e300),
+        (("confusion", "blue flat block", "ground"), -(10**400)),
+        (("baselines", "random pixel", "regret"), "1"),
+        (("task",), "\x1b[2J"),
+        (("method",), "\ud800"),
+    ],
+)
+def test_a_strangers_evaluation_is_left_out_of_a_report(place: tuple[str | int, ...], value: object, tmp_path: Path) -> None:
+    content = copy.deepcopy(fuzz.EVALUATION)
+    part: Any = content
+    for name in place[:-1]:
+        part = part[name]
+    part[place[-1]] = value
+    (tmp_path / "evaluation.json").write_text(json.dumps(content))
+    found, left_out = results.collect(tmp_path)
+    assert not found
+    assert len(left_out) == 1
+
+
+def test_settings_nested_too_deep_are_none(tmp_path: Path) -> None:
+    (tmp_path / ".hydra").mkdir()
+    (tmp_path / ".hydra" / "config.yaml").write_text("[" * 5000)
+    assert results.settings_of(tmp_path) == {}
+
+
+def test_a_name_with_dollar_signs_is_no_formula(tmp_path: Path) -> None:
+    content = json.loads(json.dumps(fuzz.DECISION).replace("flatness", "$\\\\foo$").replace("red block", "a $\\\\frac$"))
+    (tmp_path / "decision.json").write_text(json.dumps(content))
+    decision = Decision.load(tmp_path / "decision.json")
+    assert decision.components[0] == "$\\foo$"
+    plots.save(plots.bars(decision), tmp_path / "bars")
 
 
 def test_loading_can_run_no_code() -> None:
