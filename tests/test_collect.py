@@ -126,27 +126,38 @@ def test_workers_in_step_repeat_bit_by_bit(config: Callable[..., DictConfig], tm
     assert len(scenes[0][::2].unique(dim=0)) > 4
 
 
-needs_ray = pytest.mark.skipif(find_spec("ray") is None, reason="ray is not installed: pip install 'xqmap[ray]'")
-
-
-@pytest.mark.parametrize("name", ["ordered", pytest.param("ray", marks=needs_ray)])
 def test_a_simulator_that_fails_in_a_worker_ends_the_run_saved(
-    name: str, config: Callable[..., DictConfig], run_directory: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+    config: Callable[..., DictConfig], run_directory: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(build, "make_env", lambda cfg, first_scene: partial(failing_env, cfg, first_scene))
     run_directory.mkdir()
-    trainer = Trainer(config(f"collector={name}", "trainer.frames=1000"), run_directory)
+    trainer = Trainer(config("collector=ordered", "trainer.frames=1000"), run_directory)
     with pytest.raises(WorkerLost, match="worker"):
         trainer.run()
     trainer.close()
     assert trainer.saved_frames == trainer.frames > 0
     checkpoint.load_run(run_directory)
-    if name == "ordered":
-        assert "error in a worker: the simulator failed in scene" in (told := capfd.readouterr().err)
-        assert "Traceback" not in told
+    assert "error in a worker: the simulator failed in scene" in (told := capfd.readouterr().err)
+    assert "Traceback" not in told
 
 
-@needs_ray
+def test_ray_that_does_not_start_or_ends_is_one_line(config: Callable[..., DictConfig], monkeypatch: pytest.MonkeyPatch) -> None:
+    class Died(Exception):
+        """As Ray's own, of no other kind."""
+
+    def fail(*args: Any, **kwargs: Any) -> Any:
+        raise Died("the node timed out\nduring startup")
+
+    cfg = config("collector=ray")
+    monkeypatch.setattr(collect, "find_spec", lambda name: True)
+    monkeypatch.setattr(collect, "Collector", fail)
+    with pytest.raises(UserError, match="no worker starts"):
+        collect.collector(cfg, make_env(cfg, 0)(), TensorDictSequential(), made=0)
+    with pytest.raises(WorkerLost, match="the node timed out during startup"):
+        next(collect.batches(map(fail, [0]), cfg.collector))  # type: ignore[arg-type]
+
+
+@pytest.mark.skipif(find_spec("ray") is None, reason="ray is not installed: pip install 'xqmap[ray]'")
 def test_a_local_ray_cluster_of_two_processes_trains(config: Callable[..., DictConfig], run_directory: Path) -> None:
     trained = train(config("collector=ray", "trainer.frames=24"), run_directory)
     assert len(trained.replay) == trained.frames >= 24

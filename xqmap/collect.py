@@ -60,9 +60,12 @@ def collector(cfg: DictConfig, env: ManiSkillEnv, policy: TensorDictModuleBase, 
         if find_spec("ray") is None:
             raise UserError("collector=ray needs the package ray: pip install 'xqmap[ray]'")
         remote = {"num_cpus": 1, "num_gpus": 0}
-        return Collector(
-            envs, backend="ray", policy_factory=policies, collector_kwargs=[dict(whole) for _ in envs], remote_configs=remote, **shared
-        )
+        kwargs = [dict(whole) for _ in envs]
+        try:
+            return Collector(envs, backend="ray", policy_factory=policies, collector_kwargs=kwargs, remote_configs=remote, **shared)
+        except Exception as error:  # Ray's are of no common kind
+            why = " ".join(str(error).split())[:200]
+            raise UserError(f"collector=ray: no worker starts ({why}): see that RAY_ADDRESS names a cluster, or is not set") from error
     # Not waiting for an answer: a worker that died would never give one.
     synced = {"policy": MultiProcessWeightSyncScheme(sync=False)}
     return Collector(envs, policy, weight_sync_schemes=synced, **processes, **whole, **shared)
