@@ -101,9 +101,11 @@ def test_a_preference_changes_what_is_learned_and_what_counts_as_best(toy_config
     assert float(out["chosen_component_value"][0]) < 1.5
 
 
-def test_a_run_that_was_interrupted_ends_like_one_that_was_not(toy_config: Callable[..., DictConfig], tmp_path: Path) -> None:
+@pytest.mark.parametrize("replay", ["uniform", "prioritized"])
+def test_a_run_that_was_interrupted_ends_like_one_that_was_not(toy_config: Callable[..., DictConfig], tmp_path: Path, replay: str) -> None:
     # Three decisions a batch and two an episode: most checkpoints lie in the middle of an episode.
-    cfg = toy_config("trainer.frames=48", "trainer.checkpoint_period=9", "replay.capacity=30", "collector.frames_per_batch=3")
+    settings = ["trainer.frames=48", "trainer.checkpoint_period=9", "replay.capacity=30", "collector.frames_per_batch=3"]
+    cfg = toy_config(f"replay={replay}", *settings)
     train(cfg, tmp_path / "whole")
 
     (tmp_path / "part").mkdir()

@@ -20,6 +20,8 @@ from xqmap.models.policy import EpsilonGreedy
 from xqmap.models.qmaps import QMaps
 from xqmap.models.unet import LocalGeometry, UNet
 from xqmap.objectives import DecomposedDQNLoss
+from xqmap.priorities import PrioritySampler
+from xqmap.replay import Replay
 
 # A run directory of a stranger can name any callable: only these packages are ever called.
 TRUSTED = ("tasks.", "xqmap.")
@@ -82,6 +84,13 @@ def _untrained(cfg: DictConfig, pixel_size: float) -> QMaps:
     unet = partial(UNet, width=cfg.qnet.width, depth=cfg.qnet.depth)
     # A task whose transitions may be turned and mirrored is decided on from all sides, too.
     return QMaps(cfg.method.components, stem, unet, cfg.method.weights, symmetric=cfg.replay.augment)
+
+
+def replay(cfg: DictConfig) -> Replay:
+    """The empty replay buffer of ``cfg.replay``; next states are kept where ``loss.gamma`` needs them."""
+    kept = cfg.replay
+    sampler = PrioritySampler(kept.capacity, kept.alpha, kept.beta_init, kept.beta_end) if kept.alpha > 0 else None
+    return Replay(kept.capacity, cfg.trainer.batch_size, kept.augment, cfg.loss.gamma > 0, cfg.seed, kept.on_disk, sampler)
 
 
 def exploration(cfg: DictConfig) -> EpsilonGreedy:

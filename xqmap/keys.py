@@ -12,6 +12,8 @@
 | ``reward`` | [1] | R = Σ_k w_k r_k |
 | ``reward_components`` | [K] | the sub-rewards r_k |
 | ``reward_available`` | [1] | the highest R any action would have had: evaluation only |
+| ``priority_weight`` | [] | of prioritised replay: how much a sampled transition counts |
+| ``td_error`` | [] | its absolute TD errors, summed over k, as the loss found them |
 """
 
 HEIGHTMAP = "heightmap"
@@ -24,6 +26,8 @@ CHOSEN_COMPONENT_VALUE = "chosen_component_value"
 REWARD = "reward"
 REWARD_COMPONENTS = "reward_components"
 REWARD_AVAILABLE = "reward_available"
+PRIORITY_WEIGHT = "priority_weight"
+TD_ERROR = "td_error"
 DONE = "done"
 TERMINATED = "terminated"
 TRUNCATED = "truncated"

@@ -69,7 +69,7 @@ class Exploration:
 
 @dataclass
 class Collector:
-    name: str = _one_of("single", "parallel", "ordered", "ray")
+    name: str = _one_of("single", "parallel", "ray")
     workers: int = _bounded(1, 1000)
     frames_per_batch: int = _bounded(1)
     episodes_per_batch: int = _bounded(1)
@@ -80,6 +80,9 @@ class Replay:
     capacity: int = _bounded(1, 10**9)
     augment: bool = MISSING
     on_disk: bool = MISSING
+    alpha: float = _bounded(0, 1)
+    beta_init: float = _bounded(0, 1)
+    beta_end: float = _bounded(0, 1)
 
 
 @dataclass
@@ -190,6 +193,8 @@ def validate(cfg: DictConfig, playing: bool = False) -> None:
         raise UserError(f"threads={cfg.threads} must be between 1 and 4096, or null")
     if not playing and not math.isfinite(cfg.exploration.raised_height):
         raise UserError(f"exploration.raised_height={cfg.exploration.raised_height} must be a finite number of metres")
+    if not playing and cfg.replay.alpha > 0 and cfg.replay.capacity > 2**24:
+        raise UserError(f"replay.capacity={cfg.replay.capacity} must be at most {2**24} where replay.alpha is above 0")
     until = cfg.evaluation.until or {}
     if unknown := set(until) - set(cfg.task.components):
         raise UserError(f"evaluation.until names {sorted(unknown)}; the task's components are {list(cfg.task.components)}")

@@ -26,7 +26,6 @@ from xqmap.explanations import Decision, plots
 from xqmap.explanations.perception import Scene
 from xqmap.logs import Log, Tracker
 from xqmap.models.policy import GreedyPolicy
-from xqmap.replay import Replay
 from xqmap.statistics import wilson
 
 
@@ -59,8 +58,7 @@ class Trainer:
         self.target_updater = HardUpdate(self.loss, value_network_update_interval=cfg.trainer.target_period)
         self.parameters = [p for p in self.loss.parameters() if p.requires_grad]
         self.optimizer = torch.optim.Adam(self.parameters, lr=cfg.trainer.learning_rate)
-        kept = cfg.replay
-        self.replay = Replay(kept.capacity, cfg.trainer.batch_size, kept.augment, cfg.loss.gamma > 0, cfg.seed, kept.on_disk)
+        self.replay = build.replay(cfg)
         self.exploration = build.exploration(cfg)
         self.greedy = GreedyPolicy(self.network)
         self._time_policy()
@@ -94,7 +92,7 @@ class Trainer:
         start, already = time.perf_counter(), self.frames
         try:
             with tqdm(total=self.cfg.trainer.frames, initial=already, unit="decision", desc="training", mininterval=1.0) as bar:
-                for batch in collect.batches(collector, self.cfg.collector):
+                for batch in collect.batches(collector):
                     row = self._step(batch.reshape(-1))
                     if not alone:
                         self.exploration.frames.fill_(self.frames)
@@ -184,15 +182,15 @@ class Trainer:
 
     def _update(self) -> TensorDictBase:
         """One gradient step on one batch, the same for all components."""
-        batch = self.replay.sample().to(self.device)
         progress = min(1.0, self.updates / max(1.0, self.cfg.trainer.updates_per_frame * self.cfg.trainer.frames))
+        batch = self.replay.sample(progress).to(self.device)
         for group in self.optimizer.param_groups:
             group["lr"] = self.cfg.trainer.learning_rate * (0.55 + 0.45 * math.cos(math.pi * progress))
         with self.autocast:
             losses = self.loss(batch)
         total = sum(value for name, value in losses.items() if name.startswith("loss_"))
         if not bool(torch.isfinite(total)):
-            raise UserError(f"the loss became {float(total.detach())} at update {self.updates}: lower trainer.learning_rate")
+            raise UserError(f"the loss became {float(total)} at update {self.updates}: lower trainer.learning_rate")
         self.optimizer.zero_grad(set_to_none=True)
         total.backward()
         norm = torch.nn.utils.clip_grad_norm_(self.parameters, self.cfg.trainer.max_grad_norm)
@@ -200,6 +198,7 @@ class Trainer:
             raise UserError(f"the gradient became {float(norm)} at update {self.updates}: lower trainer.learning_rate")
         self.optimizer.step()
         self.target_updater.step()
+        self.replay.learned(batch)
         self.updates += 1
         return losses.detach()
 

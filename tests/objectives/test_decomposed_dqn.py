@@ -12,7 +12,7 @@ from tensordict.nn import TensorDictModuleBase
 from torch import nn
 from torchrl.objectives import HardUpdate, ValueEstimators
 
-from tests.toy import exact_values
+from tests.toy import PATCHES, exact_values
 from xqmap.models.qmaps import QMaps
 from xqmap.models.unet import LocalGeometry, UNet
 from xqmap.objectives import DecomposedDQNLoss
@@ -144,16 +144,9 @@ def test_n_step_discount_reaches_every_component() -> None:
     assert torch.allclose(three, one * 0.9**2, atol=1e-6)
 
 
-def test_toy_world_is_learned_to_its_exact_values() -> None:
-    """States: the patches that are left. All Q*_k of the first decision come out, not only their sum."""
+def toy_transitions() -> TensorDict:
+    """Every transition of the toy world's first two decisions. States: the patches that are left."""
     subsets = [(0, 1, 2), (1, 2), (0, 2), (0, 1)]
-    torch.manual_seed(0)
-    network = Table(2)
-    loss = make_loss(network, ["left", "right"], gamma=0.5, loss_function="l2")
-    updater = HardUpdate(loss, value_network_update_interval=20)
-    optimizer = torch.optim.Adam(loss.parameters(), lr=0.05)
-    from tests.toy import PATCHES
-
     rows = []
     for made, subset in [(0, subsets[0]), *((1, s) for s in subsets[1:])]:
         for patch in subset:
@@ -166,10 +159,20 @@ def test_toy_world_is_learned_to_its_exact_values() -> None:
     done = torch.tensor([[row[4]] for row in rows])
     following = {"heightmap": torch.tensor([row[3] for row in rows]), "reward_components": torch.tensor([row[2] for row in rows])}
     following |= {"done": done, "terminated": done, "action_mask": mask}
-    batch = TensorDict(
+    return TensorDict(
         {"heightmap": torch.tensor([r[0] for r in rows]), "action": torch.tensor([r[1] for r in rows]), "next": following},
         batch_size=[len(rows)],
     )
+
+
+def test_toy_world_is_learned_to_its_exact_values() -> None:
+    """All Q*_k of the first decision come out, not only their sum."""
+    torch.manual_seed(0)
+    network = Table(2)
+    loss = make_loss(network, ["left", "right"], gamma=0.5, loss_function="l2")
+    updater = HardUpdate(loss, value_network_update_interval=20)
+    optimizer = torch.optim.Adam(loss.parameters(), lr=0.05)
+    batch = toy_transitions()
     for _ in range(600):
         losses = loss(batch)
         optimizer.zero_grad()
@@ -187,6 +190,17 @@ def test_reductions(reduction: Any) -> None:
     plain = make_loss(network, ["a", "b"], reduction="none")(transitions(2))["loss_a"]
     reduced = make_loss(network, ["a", "b"], reduction=reduction)(transitions(2))["loss_a"]
     assert torch.allclose(reduced, {"mean": plain.mean(), "sum": plain.sum(), "none": plain}[reduction])
+
+
+def test_priority_weights_weigh_each_transition_and_ones_change_nothing() -> None:
+    torch.manual_seed(6)
+    network, batch = Table(2), transitions(2)
+    plain = make_loss(network, ["a", "b"])(batch)["loss_b"]
+    each = make_loss(network, ["a", "b"], reduction="none")(batch)["loss_b"]
+    weight = torch.rand(64)
+    ones, weighed = (make_loss(network, ["a", "b"])(batch.clone().set("priority_weight", w))["loss_b"] for w in (torch.ones(64), weight))
+    assert torch.equal(ones, plain)
+    assert torch.allclose(weighed, (each * weight).mean())
 
 
 def test_only_the_priority_is_written() -> None:

@@ -64,6 +64,7 @@ class DecomposedDQNLoss(LossModule):
             terminated: end of an episode: nothing to bootstrap from.
             steps_to_next_obs: written by n-step transforms.
             priority: written by the loss: Σ_k |δ_k|, for prioritised replay.
+            priority_weight: optional, how much each transition counts: written by prioritised replay.
         """
 
         heightmap: NestedKey = "heightmap"
@@ -76,6 +77,7 @@ class DecomposedDQNLoss(LossModule):
         terminated: NestedKey = "terminated"
         steps_to_next_obs: NestedKey = "steps_to_next_obs"
         priority: NestedKey = "td_error"
+        priority_weight: NestedKey = "priority_weight"
 
     tensor_keys: _AcceptedKeys
     default_keys = _AcceptedKeys
@@ -177,7 +179,8 @@ class DecomposedDQNLoss(LossModule):
 
         Args:
             tensordict: ``[B]`` transitions: the network's input, ``action`` ``[B]``, and under ``"next"`` the network's input,
-                ``reward_components`` ``[B, K]``, ``done`` and ``terminated`` ``[B, 1]``. Gets ``td_error`` ``[B]`` written, nothing else.
+                ``reward_components`` ``[B, K]``, ``done`` and ``terminated`` ``[B, 1]``; a ``priority_weight`` ``[B]`` multiplies each
+                transition's loss. Gets ``td_error`` ``[B]`` written, nothing else.
 
         Returns:
             A TensorDict of ``loss_<component>``, ``td_error_<component>`` (mean |δ_k|) and ``value_<component>`` (mean Q_k(s, a)).
@@ -189,6 +192,9 @@ class DecomposedDQNLoss(LossModule):
         error = (target - value.detach()).abs()
         tensordict.set(self.tensor_keys.priority, error.sum(-1))
         loss = distance_loss(value, target, self.loss_function)
+        weight = tensordict.get(self.tensor_keys.priority_weight, None)
+        if weight is not None:
+            loss = loss * weight[..., None]
         out: dict[str, Tensor] = {}
         for k, name in enumerate(self.components):
             column = loss[..., k]
