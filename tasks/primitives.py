@@ -37,15 +37,27 @@ class Arm:
     Attributes:
         joints: ``[6]``, the angles last commanded.
         steps: control steps since :meth:`start`.
+        late: whether the limit has stopped the arm since then.
     """
 
     def __init__(self, agent: UR5e, control_step: Callable[[np.ndarray], None], period: float, limit: int) -> None:
-        self.agent, self._control_step, self.period, self.limit = agent, control_step, period, limit
-        self.joints, self.steps = np.zeros(6), 0
+        self.agent, self._control_step, self.period = agent, control_step, period
+        self.limit: float = limit
+        self.joints, self.steps, self.late = np.zeros(6), 0, False
 
     def start(self) -> None:
         """Begins a pick: the count of control steps starts anew."""
-        self.steps = 0
+        self.steps, self.late = 0, False
+
+    def park(self, hover: float, home: np.ndarray) -> None:
+        """Straight up to ``hover`` (m) and to the joint angles ``home``, uncounted: the arm must not stand in the next picture."""
+        counted = self.steps, self.limit, self.late
+        self.limit = np.inf
+        self.hold()
+        if self.sent[2] < hover:
+            self.line(np.array([*self.sent[:2], hover]), SPEED)
+        self.travel(home)
+        self.steps, self.limit, self.late = counted
 
     @property
     def tip(self) -> np.ndarray:
@@ -85,6 +97,7 @@ class Arm:
     def _follow(self, path: np.ndarray, until: Callable[[], bool] = lambda: False) -> bool:
         for joints in path:
             if self.steps >= self.limit:
+                self.late = True
                 return False
             velocity = (joints - self.joints) / self.period
             self._control_step(np.concatenate((joints, velocity)))
@@ -161,7 +174,9 @@ def pick(
             suction.release()
             # Without its load the arm goes on: it must not stand in the next picture.
             way()
-    delivered = sealed and not dropped and arm.steps < arm.limit
+    delivered = sealed and not dropped and not arm.late
     suction.release()
     arm.wait(REST)
+    if arm.late:
+        arm.park(hover, home)
     return Attempt(touched, sealed, delivered, max(slips), arm.steps)

@@ -34,6 +34,20 @@ def trusted_env(cfg: DictConfig, first_scene: int) -> Any:
     return make_env(cfg, first_scene)()
 
 
+def failing_env(cfg: DictConfig, first_scene: int) -> Any:
+    """A world that fails in its ninth decision."""
+    env = trusted_env(cfg, first_scene)
+    step, made = env.task.step, iter(range(9))
+
+    def failing(action: Any) -> Any:
+        if next(made) == 8:
+            raise RuntimeError("the solver did not converge")
+        return step(action)
+
+    env.task.step = failing
+    return env
+
+
 @pytest.fixture
 def config(toy_config: Callable[..., DictConfig], monkeypatch: pytest.MonkeyPatch) -> Callable[..., DictConfig]:
     monkeypatch.setattr(build, "make_env", lambda cfg, first_scene: partial(trusted_env, cfg, first_scene))
@@ -52,7 +66,7 @@ def test_workers_get_new_weights_and_see_different_scenes(config: Callable[..., 
                 parameter.normal_(0, 0.1)
         collect.share(source, policy)
         seen, agree = [], False
-        for count, batch in enumerate(collect.batches(source)):
+        for count, batch in enumerate(collect.batches(source, cfg.collector)):
             assert bool(batch["next", "done"][-1])
             seen.append(batch["heightmap"][:, :3].amax((1, 2, 3)))
             with torch.no_grad():
@@ -99,6 +113,49 @@ def test_a_dead_worker_is_named_and_what_was_learned_is_saved(config: Callable[.
     trainer.close()
     assert trainer.saved_frames == trainer.frames > 0
     checkpoint.load_run(run_directory)
+
+
+def test_workers_in_step_repeat_bit_by_bit(config: Callable[..., DictConfig], tmp_path: Path) -> None:
+    # An odd number of decisions a round: episodes of two are cut by it and put together again.
+    settings = ("collector=ordered", "collector.frames_per_batch=3", "collector.episodes_per_batch=3", "trainer.frames=24")
+    first, second = (train(config(*settings, "trainer.warmup_frames=6"), tmp_path / name) for name in "ab")
+    assert first.updates > 0
+    shas = [checkpoint.load_run(tmp_path / name).sha256 for name in "ab"]
+    assert shas[0] == shas[1]
+    scenes = [trained.replay.contents()["heightmap.color"] for trained in (first, second)]
+    assert torch.equal(*scenes)
+    assert len(scenes[0][::2].unique(dim=0)) > 4
+
+
+def test_a_simulator_that_fails_in_a_worker_ends_the_run_saved(
+    config: Callable[..., DictConfig], run_directory: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(build, "make_env", lambda cfg, first_scene: partial(failing_env, cfg, first_scene))
+    run_directory.mkdir()
+    trainer = Trainer(config("collector=ordered", "trainer.frames=1000"), run_directory)
+    with pytest.raises(WorkerLost, match="worker"):
+        trainer.run()
+    trainer.close()
+    assert trainer.saved_frames == trainer.frames > 0
+    checkpoint.load_run(run_directory)
+    assert "error in a worker: the simulator failed in scene" in (told := capfd.readouterr().err)
+    assert "Traceback" not in told
+
+
+def test_ray_that_does_not_start_or_ends_is_one_line(config: Callable[..., DictConfig], monkeypatch: pytest.MonkeyPatch) -> None:
+    class Died(Exception):
+        """As Ray's own, of no other kind."""
+
+    def fail(*args: Any, **kwargs: Any) -> Any:
+        raise Died("the node timed out\nduring startup")
+
+    cfg = config("collector=ray")
+    monkeypatch.setattr(collect, "find_spec", lambda name: True)
+    monkeypatch.setattr(collect, "Collector", fail)
+    with pytest.raises(UserError, match="no worker starts"):
+        collect.collector(cfg, make_env(cfg, 0)(), TensorDictSequential(), made=0)
+    with pytest.raises(WorkerLost, match="the node timed out during startup"):
+        next(collect.batches(map(fail, [0]), cfg.collector))  # type: ignore[arg-type]
 
 
 @pytest.mark.skipif(find_spec("ray") is None, reason="ray is not installed: pip install 'xqmap[ray]'")

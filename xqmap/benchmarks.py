@@ -202,7 +202,7 @@ def _collecting(cfg: DictConfig, workers: int, decisions: int) -> float:
     source = collect.collector(several, world, policy, made=0)
     made, start = 0, 0.0
     try:
-        for count, batch in enumerate(collect.batches(source)):
+        for count, batch in enumerate(collect.batches(source, several.collector)):
             if count == 2 * workers:
                 start = time.perf_counter()
             elif count > 2 * workers:

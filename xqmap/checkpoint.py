@@ -12,6 +12,7 @@ import json
 import math
 import os
 import re
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -35,6 +36,8 @@ TRAINING = "checkpoint/training-{:06d}.safetensors"
 # Run directories that ship with the package: ``run=pretrained/<task>``.
 PRETRAINED = Path(__file__).parent / "pretrained"
 _FORMAT = 2
+# What a checkpoint of a training tells besides what a policy's does.
+_TO_GO_ON = ("frames", "updates", "scene", "unfinished", "explored", "cursor", "target_age", "next_picture", "best", "noise", "wandb_id")
 _LIBRARIES = ("torch", "torchrl", "tensordict", "mani-skill", "sapien", "hydra-core", "wandb", "numpy")
 
 
@@ -82,6 +85,22 @@ def replacing(path: Path) -> Iterator[Path]:
         with contextlib.suppress(OSError):
             beside.unlink(missing_ok=True)
         raise
+
+
+def require_place(path: Path) -> Path:
+    """``path``, if a file can be put there: to be asked before the work whose result it is to hold.
+
+    Raises:
+        OSError: if it cannot.
+    """
+    if path.is_dir():
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    nearest = next(folder for folder in path.absolute().parents if folder.exists())
+    try:
+        with tempfile.TemporaryFile(dir=nearest):
+            return path
+    except OSError as error:
+        raise OSError(error.errno, os.strerror(error.errno or errno.EIO), str(path)) from None
 
 
 def write_atomically(path: Path, content: bytes) -> None:
@@ -151,7 +170,10 @@ def read_training(place: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
     if not kept:
         raise UserError(f"there is no checkpoint in {place} to go on from: give the directory of a run that got as far as its first one")
     try:
-        return read(kept[0])
+        found = read(kept[0])
+        if missing := [name for name in _TO_GO_ON if name not in found[1]]:
+            raise UserError(f"{kept[0]} holds no training to go on from (no {missing[0]}): give resume=DIR, a run directory")
+        return found
     except UserError as error:
         if len(kept) == 1:
             raise

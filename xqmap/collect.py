@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 from collections.abc import Callable, Iterator
 from functools import partial
 from importlib.util import find_spec
@@ -20,11 +21,14 @@ from torchrl.collectors import Collector
 from torchrl.collectors._base import BaseCollector
 from torchrl.weight_update import MultiProcessWeightSyncScheme
 
-from xqmap import build
+from xqmap import build, keys
 from xqmap.envs.maniskill import ManiSkillEnv
 from xqmap.errors import UserError, WorkerLost
 from xqmap.evaluation import SCENES_PER_TRAINING, training_scenes
 from xqmap.models.policy import GreedyPolicy
+
+# Seconds that workers may take to say that they have their new weights.
+_PATIENCE = 60.0
 
 
 def collector(cfg: DictConfig, env: ManiSkillEnv, policy: TensorDictModuleBase, made: int) -> BaseCollector:
@@ -42,40 +46,70 @@ def collector(cfg: DictConfig, env: ManiSkillEnv, policy: TensorDictModuleBase, 
     apart = SCENES_PER_TRAINING // settings.workers
     envs = [_Worker(build.make_env(cfg, training_scenes(cfg.seed) + i * apart + made)) for i in range(settings.workers)]
     policies = [partial(_policy, cfg, env.grid.pixel_size, i * apart + made) for i in range(settings.workers)]
+    # The trainer ends the collection: to Ray, -1 would mean no frames at all.
+    shared: dict[str, Any] = {"total_frames": 2**62, "trust_policy": True}
+    processes: dict[str, Any] = {"backend": "process", "policy_factory": policies, "policy_device": "cpu"}
+    if settings.name == "ordered":
+        synced = {"policy": _Acknowledged()}
+        frames = settings.frames_per_batch * settings.workers
+        return Collector(envs, policy, sync=True, frames_per_batch=frames, weight_sync_schemes=synced, **processes, **shared)
+    shared |= {"frames_per_batch": settings.frames_per_batch, "sync": False}
     # Whole episodes, so that what is logged and learned never mixes two workers' decisions.
     whole = {"trajs_per_batch": settings.episodes_per_batch, "traj_format": "cat"}
-    # The trainer ends the collection: to Ray, -1 would mean no frames at all.
-    shared: dict[str, Any] = {"frames_per_batch": settings.frames_per_batch, "total_frames": 2**62, "trust_policy": True, "sync": False}
     if settings.name == "ray":
         if find_spec("ray") is None:
             raise UserError("collector=ray needs the package ray: pip install 'xqmap[ray]'")
         remote = {"num_cpus": 1, "num_gpus": 0}
-        return Collector(
-            envs, backend="ray", policy_factory=policies, collector_kwargs=[dict(whole) for _ in envs], remote_configs=remote, **shared
-        )
-    return Collector(
-        envs,
-        policy,
-        backend="process",
-        policy_factory=policies,
-        # Not waiting for an answer: a worker that died would never give one.
-        weight_sync_schemes={"policy": MultiProcessWeightSyncScheme(sync=False)},
-        policy_device="cpu",
-        **whole,
-        **shared,
-    )
+        kwargs = [dict(whole) for _ in envs]
+        try:
+            return Collector(envs, backend="ray", policy_factory=policies, collector_kwargs=kwargs, remote_configs=remote, **shared)
+        except Exception as error:  # Ray's are of no common kind
+            why = " ".join(str(error).split())[:200]
+            raise UserError(f"collector=ray: no worker starts ({why}): see that RAY_ADDRESS names a cluster, or is not set") from error
+    # Not waiting for an answer: a worker that died would never give one.
+    synced = {"policy": MultiProcessWeightSyncScheme(sync=False)}
+    return Collector(envs, policy, weight_sync_schemes=synced, **processes, **whole, **shared)
 
 
-def batches(source: BaseCollector) -> Iterator[TensorDictBase]:
-    """The batches of ``source``.
+class _Acknowledged(MultiProcessWeightSyncScheme):
+    """Goes on when every worker has its new weights; or, if one has died and never will, when collecting finds that out."""
+
+    def _wait_for_ack(self, worker_ids: int | list[int] | None = None, timeout: float | None = _PATIENCE) -> None:
+        super()._wait_for_ack(worker_ids, timeout)
+
+
+def batches(source: BaseCollector, settings: DictConfig) -> Iterator[TensorDictBase]:
+    """The batches of ``source``, which :func:`collector` made of the same ``settings`` (``cfg.collector``).
 
     Raises:
         WorkerLost: if a worker came to an end.
     """
-    try:
+    if settings.name == "single":
         yield from source
-    except RuntimeError as error:
+        return
+    try:
+        yield from _in_order(source, settings.episodes_per_batch) if settings.name == "ordered" else source
+    except UserError:
+        raise
+    except Exception as error:  # Ray's are of no common kind
         raise WorkerLost(f"a worker process ended unexpectedly ({' '.join(str(error).split())[:200]})") from error
+
+
+def _in_order(source: BaseCollector, episodes: int) -> Iterator[TensorDictBase]:
+    """Whole episodes by worker and time: torchrl numbers and sorts them by who came first."""
+    ended: list[TensorDictBase] = []
+    under_way: list[list[TensorDictBase]] = []
+    for batch in source:
+        under_way = under_way or [[] for _ in batch]
+        for steps, episode in zip(batch.clone(), under_way, strict=True):
+            for step in steps.split(1):
+                episode.append(step)
+                if bool(step["next", keys.DONE]):
+                    ended.append(torch.cat(episode))
+                    episode.clear()
+        while len(ended) >= episodes:
+            yield torch.cat(ended[:episodes])
+            del ended[:episodes]
 
 
 def share(source: BaseCollector, policy: TensorDictModuleBase) -> None:
@@ -91,7 +125,10 @@ def close(source: BaseCollector, alone: bool) -> None:
 
 
 class _Worker:
-    """Builds the environment where it is called. An interrupt at the keyboard reaches every process: the trainer alone answers it."""
+    """Builds the environment where it is called. An interrupt at the keyboard reaches every process: the trainer alone answers it.
+
+    What fails there is told there, in one line, and ends the process: raised, it would be told with all its stacks.
+    """
 
     def __init__(self, make: Callable[[], ManiSkillEnv]) -> None:
         self.make = make
@@ -101,7 +138,18 @@ class _Worker:
         # The processors belong to the other workers and to the updates.
         os.environ.setdefault("LP_NUM_THREADS", "1")
         torch.set_num_threads(1)
-        return self.make()
+        env = self.make()
+        for name in ("_reset", "_step"):
+            setattr(env, name, partial(_or_end, getattr(env, name)))
+        return env
+
+
+def _or_end(act: Callable[..., TensorDictBase], *args: Any, **kwargs: Any) -> TensorDictBase:
+    try:
+        return act(*args, **kwargs)
+    except UserError as error:
+        print(f"error in a worker: {error}", file=sys.stderr, flush=True)
+        os._exit(1)
 
 
 def _policy(cfg: DictConfig, pixel_size: float, seed: int) -> TensorDictModuleBase:

@@ -21,9 +21,9 @@ def evaluate(cfg: DictConfig) -> None:
     if cfg.task.env and not cfg.out:
         raise UserError("task.env is changed: give out=FILE, so that no file of this run tells of another world")
     runs = [sheets.applied(run, OmegaConf.merge(sheets.load(run.cfg.task.name, sheet) if sheet else {}, told)) for sheet in played]
+    outs = [checkpoint.require_place(Path(cfg.out or commands.evaluation_file(run.directory, sheet))) for sheet in played]
     doctor.require_rendering()
-    for changed, sheet in zip(runs, played, strict=True):
-        out = Path(cfg.out) if cfg.out else commands.evaluation_file(run.directory, sheet)
+    for changed, sheet, out in zip(runs, played, outs, strict=True):
         commands.evaluate_run(changed, changed.cfg.evaluation, out, sheet)
 
 

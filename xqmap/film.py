@@ -24,6 +24,7 @@ def film(cfg: DictConfig) -> None:
     out = Path(cfg.out) if cfg.out else Path(f"{run.cfg.task.name}-scene{cfg.scene_seed}.mp4")
     if out.suffix != ".mp4":
         raise UserError(f"out={out} must end with .mp4")
+    checkpoint.require_place(out)
     doctor.require_rendering()
     settings = OmegaConf.merge(run.cfg, {"task": {"env": {"render_mode": "rgb_array"}}})
     assert isinstance(settings, DictConfig)

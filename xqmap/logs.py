@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import io
 import logging
@@ -68,8 +69,10 @@ class Log:
                 config=OmegaConf.to_container(cfg, resolve=True),
                 settings=wandb.Settings(x_disable_stats=True, console="off", silent=True),
             )
-        except wandb.Error as error:
-            raise UserError(f"logger.mode={cfg.logger.mode}: wandb does not start ({error}); logger.mode=disabled does without") from None
+        except Exception as error:  # of its own, of pydantic, of the system
+            _forget_wandb()
+            why = " ".join(str(error).split())[:200]
+            raise UserError(f"logger.mode={cfg.logger.mode}: wandb does not start ({why}); logger.mode=disabled does without") from None
         self.wandb_id = self._wandb.experiment.id
 
     def row(self, values: dict[str, float]) -> None:
@@ -102,8 +105,18 @@ class Log:
             act(self._wandb.experiment)
         except Exception as error:
             self._wandb = None
+            _forget_wandb()
             why = " ".join(str(error).split())[:200]
             _logger.warning("wandb failed (%s: %s); training goes on, metrics.csv has every row", type(error).__name__, why)
+
+
+def _forget_wandb() -> None:
+    """Lets the next training of this process begin with a wandb process of its own; the present one may be gone."""
+    import wandb
+
+    for end in (lambda: wandb.run and wandb.run.finish(), wandb.teardown):
+        with contextlib.suppress(Exception):
+            end()
 
 
 def _rows(path: Path, columns: list[str], after: int) -> list[dict[str, str]]:

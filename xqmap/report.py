@@ -35,12 +35,14 @@ def report(cfg: DictConfig) -> None:
         raise UserError(f"runs={root} holds no evaluation.json to make a table of: python -m xqmap.evaluate run=DIR writes one")
     else:
         content = tables.markdown(rows) if cfg.format == "md" else tables.comma_separated(rows)
-    write_atomically(out, content.encode())
+    # Half a character, which JSON can hold and no file can, becomes a question mark.
+    written = content.encode(errors="replace")
+    write_atomically(out, written)
     if rows:
         print(tables.text(rows))
     for path, reason in left_out.items():
         print(f"left out: {path} ({reason})")
-    print(f"wrote {out} ({len(content.encode()) / 1e6:.1f} MB)")
+    print(f"wrote {out} ({len(written) / 1e6:.1f} MB)")
 
 
 main = cli.main("report")(report)

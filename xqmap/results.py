@@ -19,6 +19,9 @@ from xqmap.errors import UserError
 # Settings that say where and how often a method ran, not what it is: they never split a group of runs.
 NOT_SWEPT = ("seed", "device", "threads", "resume", "logger")
 
+# Of numbers in an evaluation.
+_LARGEST = 1e12
+
 T = TypeVar("T")
 
 
@@ -140,7 +143,7 @@ def settings_of(run: Path) -> dict[str, Any]:
     """A run's settings as Hydra stored them, by dotted name; empty where there are none that can be read."""
     try:
         cfg = OmegaConf.load(run / ".hydra" / "config.yaml")
-    except (OSError, ValueError, YAMLError, OmegaConfBaseException):
+    except (OSError, ValueError, RecursionError, YAMLError, OmegaConfBaseException):
         return {}
     # Unresolved: what a file leaves to a resolver is the same text in every run.
     return flat(OmegaConf.to_container(cfg)) if isinstance(cfg, DictConfig) else {}
@@ -255,12 +258,12 @@ def _baselines(members: Sequence[Result], names: list[str], paper: Any) -> list[
 
 def label(name: str, settings: dict[str, Any]) -> str:
     """A method's name with the swept settings behind it."""
-    return ", ".join([name, *(f"{key}={shown(value)}" for key, value in settings.items())])
+    return ", ".join([name, *(f"{shown(key)}={shown(value)}" for key, value in settings.items())])
 
 
 def shown(value: Any) -> str:
-    """A setting's value as it stands on a command line."""
-    return "null" if value is None else value if isinstance(value, str) else json.dumps(value)
+    """A setting's value as it stands on a command line; what cannot be printed, in JSON's spelling."""
+    return "null" if value is None else value if isinstance(value, str) and value.isprintable() else json.dumps(value)
 
 
 def _rank(value: Any) -> tuple[bool, float, str]:
@@ -298,11 +301,31 @@ def _wrong(content: Any) -> str:
         limits = row.get("ci95") if isinstance(row, dict) else None
         if not _numbers(rate, 1) or not isinstance(limits, list) or len(limits) != 2 or not _numbers(dict(enumerate(limits)), 1):
             return "a baseline in it lacks mean, std, choices or ci95"
-    return "" if _numbers(content.get("confusion") or {}, 2) else "its confusion holds no counts"
+        if not is_number(row.get("regret", 0.0)):
+            return "a baseline's regret in it is no number"
+    confusion = content.get("confusion") or {}
+    if not _numbers(confusion, 2):
+        return "its confusion holds no counts"
+    names = [
+        content["task"],
+        content["method"],
+        *baselines,
+        *confusion,
+        *(name for run in content["runs"] for name in run.get("components", {})),
+    ]
+    # Control characters could move a terminal's cursor; half a character cannot be written at all.
+    if not all(name.isprintable() for name in (*names, *(best for bests in confusion.values() for best in bests))):
+        return "a name in it cannot be printed"
+    return ""
+
+
+def is_number(value: Any) -> bool:
+    """Whether this is a number that can be reckoned with: NaN is, infinity and what no count or reward comes near are not."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and not abs(value) > _LARGEST
 
 
 def _numbers(tree: Any, depth: int) -> bool:
     """Whether this is a dictionary of numbers, so many levels deep."""
     if depth == 0:
-        return isinstance(tree, int | float) and not isinstance(tree, bool)
+        return is_number(tree)
     return isinstance(tree, dict) and all(_numbers(inner, depth - 1) for inner in tree.values())

@@ -69,7 +69,7 @@ class Exploration:
 
 @dataclass
 class Collector:
-    name: str = _one_of("single", "parallel", "ray")
+    name: str = _one_of("single", "parallel", "ordered", "ray")
     workers: int = _bounded(1, 1000)
     frames_per_batch: int = _bounded(1)
     episodes_per_batch: int = _bounded(1)

@@ -92,7 +92,7 @@ class Trainer:
         start, already = time.perf_counter(), self.frames
         try:
             with tqdm(total=self.cfg.trainer.frames, initial=already, unit="decision", desc="training", mininterval=1.0) as bar:
-                for batch in collect.batches(collector):
+                for batch in collect.batches(collector, self.cfg.collector):
                     row = self._step(batch.reshape(-1))
                     if not alone:
                         self.exploration.frames.fill_(self.frames)
@@ -190,7 +190,7 @@ class Trainer:
             losses = self.loss(batch)
         total = sum(value for name, value in losses.items() if name.startswith("loss_"))
         if not bool(torch.isfinite(total)):
-            raise UserError(f"the loss became {float(total)} at update {self.updates}: lower trainer.learning_rate")
+            raise UserError(f"the loss became {float(total.detach())} at update {self.updates}: lower trainer.learning_rate")
         self.optimizer.zero_grad(set_to_none=True)
         total.backward()
         norm = torch.nn.utils.clip_grad_norm_(self.parameters, self.cfg.trainer.max_grad_norm)

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import ast
+import copy
+import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
 from hydra import initialize_config_dir
 from omegaconf import DictConfig, OmegaConf
 
-from xqmap import build, checkpoint, cli, commands
+from xqmap import build, checkpoint, cli, commands, results
 from xqmap.errors import UserError
+from xqmap.explanations import Decision, plots
 from xqmap.robustness import fuzz, hostile
 
 ROOT = Path(cli.CONF).parent
@@ -91,13 +95,54 @@ def test_a_newer_file_asks_for_a_newer_program(policy: Path, monkeypatch: pytest
 
 def test_a_damaged_checkpoint_is_refused_and_the_one_before_it_named(tmp_path: Path) -> None:
     for frames in (4, 8):
-        checkpoint.write(tmp_path / checkpoint.TRAINING.format(frames), {"a": torch.zeros(3)}, {"frames": frames})
+        facts = dict.fromkeys(checkpoint._TO_GO_ON, frames)
+        checkpoint.write(tmp_path / checkpoint.TRAINING.format(frames), {"a": torch.zeros(3)}, facts)
     newest, before = checkpoint.trainings(tmp_path)
     newest.write_bytes(newest.read_bytes()[:-1])
     with pytest.raises(UserError, match=f"{newest.name}.*resume=.*{before.name}"):
         checkpoint.read_training(tmp_path)
     assert checkpoint.read_training(before)[1]["frames"] == 4
     assert newest.exists()
+
+
+@pytest.mark.parametrize(
+    ("place", "value"),
+    [
+        (("runs", 0, "choices"), 10**400),
+        (("runs", 0, "regret"), 10**400),
+        (("runs", 0, "components", "color"), float("inf")),
+        (("baselines", "random pixel", "regret"), None),
+        (("baselines", "random pixel", "ci95", 0), 1e300),
+        (("confusion", "blue flat block", "ground"), -(10**400)),
+        (("baselines", "random pixel", "regret"), "1"),
+        (("task",), "\x1b[2J"),
+        (("method",), "\ud800"),
+    ],
+)
+def test_a_strangers_evaluation_is_left_out_of_a_report(place: tuple[str | int, ...], value: object, tmp_path: Path) -> None:
+    content = copy.deepcopy(fuzz.EVALUATION)
+    part: Any = content
+    for name in place[:-1]:
+        part = part[name]
+    part[place[-1]] = value
+    (tmp_path / "evaluation.json").write_text(json.dumps(content))
+    found, left_out = results.collect(tmp_path)
+    assert not found
+    assert len(left_out) == 1
+
+
+def test_settings_nested_too_deep_are_none(tmp_path: Path) -> None:
+    (tmp_path / ".hydra").mkdir()
+    (tmp_path / ".hydra" / "config.yaml").write_text("[" * 5000)
+    assert results.settings_of(tmp_path) == {}
+
+
+def test_a_name_with_dollar_signs_is_no_formula(tmp_path: Path) -> None:
+    content = json.loads(json.dumps(fuzz.DECISION).replace("flatness", "$\\\\foo$").replace("red block", "a $\\\\frac$"))
+    (tmp_path / "decision.json").write_text(json.dumps(content))
+    decision = Decision.load(tmp_path / "decision.json")
+    assert decision.components[0] == "$\\foo$"
+    plots.save(plots.bars(decision), tmp_path / "bars")
 
 
 def test_loading_can_run_no_code() -> None:
@@ -114,17 +159,32 @@ def test_loading_can_run_no_code() -> None:
                 assert ast.unparse(node.func) not in calls, f"{path}:{node.lineno}"
 
 
-def test_any_decision_file_is_taken_or_refused_in_one_line(tmp_path: Path) -> None:
+def test_any_decision_file_is_explained_or_refused_in_one_line(tmp_path: Path) -> None:
     count = fuzz.decisions(tmp_path, 300)
     assert 0 < count["refused"] < count["cases"]
+    assert count["crashes"] == 0
 
 
 def test_any_run_directory_is_taken_or_refused_in_one_line(policy: Path, tmp_path: Path) -> None:
     count = fuzz.run_directories(policy / checkpoint.POLICY, tmp_path / "other", 100)
     assert 0 < count["refused"] < count["cases"]
+    assert count["crashes"] == 0
+
+
+def test_a_report_on_anything_is_written_or_refused_in_one_line(tmp_path: Path) -> None:
+    count = fuzz.reports(tmp_path, 100)
+    assert 0 < count["refused"] < count["cases"]
+    assert count["crashes"] == 0
 
 
 def test_any_overrides_are_taken_or_refused_in_one_line() -> None:
     with initialize_config_dir(cli.CONF, version_base=None):
         count = fuzz.overrides(60)
     assert 0 < count["refused"] <= count["cases"]
+    assert count["crashes"] == 0
+
+
+def test_a_crash_is_counted_and_told(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fuzz, "_refused", lambda act: 1 / 0)
+    assert fuzz.decisions(tmp_path, 3)["crashes"] == 3
+    assert "ZeroDivisionError" in capsys.readouterr().out

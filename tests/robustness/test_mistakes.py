@@ -59,6 +59,11 @@ MISTAKES = [
     ("explain", ["decision=good.json", "out=/proc/nowhere"], "/proc/nowhere"),
     ("explain", ["decision=good.json", "out=good.json"], "good.json"),
     ("chat", ["decision=good.json", "question=why", "out=/proc/nowhere"], "/proc/nowhere"),
+    # found out before the work, not after it
+    ("evaluate", ["run=pretrained/landing", "out=/proc/nowhere/evaluation.json"], "/proc/nowhere"),
+    ("evaluate", ["run=pretrained/landing", "out=."], "."),
+    ("film", ["run=pretrained/landing", "out=good.json/film.mp4"], "good.json"),
+    ("bench", ["what=soak", "out=/proc/nowhere/bench.json"], "/proc/nowhere"),
     ("report", ["runs=nowhere"], "nowhere"),
     ("report", ["runs=good.json"], "good.json"),
     ("train", ["+task=landing", "hydra.run.dir=good.json"], "good.json"),
@@ -78,6 +83,7 @@ MISTAKES = [
     ("train", ["+task=landing", "loss=nothing"], "loss/nothing"),
     ("train", ["resume=run"], "run"),
     ("train", ["resume=good.json"], "good.json"),
+    ("train", ["resume=run/checkpoint/policy.safetensors"], "policy.safetensors holds no training"),
     ("chat", ["decision=good.json", "questions=nowhere.yaml"], "nowhere.yaml"),
     ("chat", ["decision=good.json", "questions=bad.yaml"], "bad.yaml"),
     ("chat", ["decision=good.json", "questions=number.json"], "number.json"),
@@ -104,3 +110,17 @@ def test_a_mistake_is_one_line(
     assert told.isprintable()
     assert named in told
     assert {path: path.stat().st_mtime_ns for path in place.rglob("*") if path.is_file()} == before
+
+
+@pytest.mark.parametrize(
+    ("command", "arguments"), [("train", ["+task=landing", "hydra.run.dir=made"]), ("explain", ["run=pretrained/landing"])]
+)
+def test_without_a_graphics_driver_the_fix_is_named(
+    command: str, arguments: list[str], place: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("VK_ICD_FILENAMES", "VK_DRIVER_FILES"):
+        monkeypatch.setenv(name, str(place / "gone.json"))
+    monkeypatch.setattr(sys, "argv", [command, *arguments])
+    with pytest.raises(SystemExit, match=r"no device that can render.*make setup"):
+        importlib.import_module(f"xqmap.{command}").main()
+    assert not (place / "made").exists()

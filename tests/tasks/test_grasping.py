@@ -48,6 +48,13 @@ def attempt(world: GraspingEnv, x: float, y: float, z: float) -> tuple[list[floa
     return components.tolist(), {**info, "terminated": bool(terminated), "truncated": bool(truncated)}
 
 
+@pytest.fixture(scope="module")
+def whole_pick(world: GraspingEnv) -> float:
+    """Control steps of a pick at the middle of ``CUBE_AT``."""
+    put(world, CUBE_AT, BOWL_AT)
+    return float(attempt(world, CUBE_AT.x, CUBE_AT.y, CUBE)[1]["control_steps"])
+
+
 def test_offers_what_the_framework_asks_of_a_task(world: GraspingEnv) -> None:
     assert isinstance(world, Task)
 
@@ -125,12 +132,15 @@ def test_an_episode_ends_with_the_last_cube_or_the_limit_of_attempts(world: Gras
     assert info["terminated"] and not info["truncated"]
 
 
-def test_a_pick_that_takes_too_long_lifts_nothing(world: GraspingEnv, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("share", [0.1, 0.4, 0.6, 0.8, 0.95], ids=["on the way", "going down", "lifting", "to the bin", "over the bin"])
+def test_a_pick_that_takes_too_long_lifts_nothing_and_the_arm_goes_home(world: GraspingEnv, whole_pick: float, share: float) -> None:
     put(world, CUBE_AT, BOWL_AT)
-    monkeypatch.setattr(world.arm, "limit", 30)
+    world.arm.limit = limit = round(share * whole_pick)
     components, info = attempt(world, CUBE_AT.x, CUBE_AT.y, CUBE)
-    assert components == [0.0, 0.0]
-    assert float(info["control_steps"]) == 30
+    assert components[0] == 0.0 and not world._binned
+    assert components[1] == pytest.approx(RANK["blue"] if float(info["touched"]) else 0.0)
+    assert float(info["control_steps"]) == limit
+    assert np.allclose(world.agent.robot._objs[0].get_qpos(), world._home, atol=0.01)
 
 
 def test_the_oracle_always_gets_what_is_available(mapped: ManiSkillEnv) -> None:

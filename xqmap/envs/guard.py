@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import faulthandler
+import functools
 import signal
+import subprocess
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,6 +15,14 @@ from xqmap.errors import UserError, WorldError
 
 # Code that no Python signal handler can interrupt is ended with its process, this many seconds after the limit.
 _GRACE = 10.0
+
+
+@functools.cache
+def _teller() -> subprocess.Popen[bytes]:
+    """Makes one line for a person of the stacks that faulthandler writes to it: this process will not come to say it itself."""
+    line = "error: a decision does not end and cannot be interrupted (trainer.decision_limit): the simulator hangs; resume=DIR goes on"
+    # To the process's own stderr: what stands in for it (a notebook, a test) may have no file behind it.
+    return subprocess.Popen(["sed", "-n", f"1s/.*/{line}/p"], stdin=subprocess.PIPE, stdout=2, start_new_session=True)
 
 
 @contextmanager
@@ -35,8 +45,9 @@ def guarded(where: str, limit: float | None) -> Iterator[None]:
         if timed and limit is not None:
             before = signal.signal(signal.SIGALRM, late)
             signal.setitimer(signal.ITIMER_REAL, limit)
-            # To the process's own stderr: what stands in for it (a notebook, a test) may have no file behind it.
-            faulthandler.dump_traceback_later(limit + _GRACE, exit=True, file=2)
+            teller = _teller().stdin
+            assert teller is not None
+            faulthandler.dump_traceback_later(limit + _GRACE, exit=True, file=teller)
         yield
     except UserError:
         raise

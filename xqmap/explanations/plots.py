@@ -31,6 +31,8 @@ STYLE: Any = {
     "figure.dpi": 130,
     "savefig.bbox": "tight",
     "svg.hashsalt": "xqmap",
+    # A name is no formula, whatever dollar signs it has.
+    "text.parse_math": False,
 }
 
 
@@ -108,7 +110,7 @@ def overview(decision: Decision, dialogue: list[tuple[str, str]] | None = None) 
         said = decision.sentences()
         texts = [[said["shallow"], *said["contrastive"]], [line for q, a in dialogue or [] for line in (f"— {q}", a)]]
         # About 15 characters of the text's size fit an inch.
-        wrapped = [[textwrap.fill(line.replace("$", r"\$"), int(15 * width)) for line in lines] for lines in texts if lines]
+        wrapped = [[textwrap.fill(line, int(15 * width)) for line in lines] for lines in texts if lines]
         parts = [("Part 1 · Q-Maps", _panel_height(decision) * map_rows)] if decision.maps is not None else []
         parts += [("Part 2 · values and differences", bars_height)]
         titles = ("Part 3 · why this one, and why not another", "Part 4 · asked")

@@ -89,7 +89,7 @@ def calibration(every: Sequence[Run]) -> str:
 
 def _figure(row: Any, name: str) -> str:
     value = row.get(name) if isinstance(row, dict) else None
-    return f"{value:.3f}" if isinstance(value, int | float) else ""
+    return f"{value:.3f}" if results.is_number(value) else ""
 
 
 def left_out(paths: dict[Path, str]) -> str:

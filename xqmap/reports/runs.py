@@ -173,6 +173,6 @@ def _metrics(path: Path) -> dict[str, np.ndarray]:
         with open(path, newline="", encoding="utf-8") as file:
             rows = list(csv.DictReader(file))
         columns = {name: np.array([float(row[name] or "nan") for row in rows]) for name in (rows[0] if rows else {})}
-    except (OSError, ValueError, TypeError, KeyError):
+    except (OSError, ValueError, TypeError, KeyError, csv.Error):
         return {}
     return columns if "frames" in columns else {}

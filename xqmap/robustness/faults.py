@@ -3,26 +3,39 @@
 from __future__ import annotations
 
 import contextlib
+import multiprocessing
+import os
+import signal
 import subprocess
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import torch
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 
 from xqmap import checkpoint
 from xqmap.errors import UserError
 from xqmap.robustness.interruptions import unharmed
+from xqmap.robustness.soak import children
 from xqmap.trainer import Trainer
 
 
 class Fault(NamedTuple):
-    """What is done to a trainer at a decision, and whether that ends the training (in one line)."""
+    """What is done to a training.
+
+    Attributes:
+        inject: does it to a trainer, at a decision.
+        stops: whether that ends the training (in one line).
+        settings: of the training, where the fault needs others.
+        repeats: whether the training, once it has gone on, must end with the weights of one that was left alone.
+    """
 
     inject: Callable[[Trainer, int], Any]
     stops: bool
+    settings: Mapping[str, Any] = {}
+    repeats: bool = True
 
 
 def _at_step(break_step: Callable[[Trainer, Callable[[Any], Any], Any], Any]) -> Callable[[Trainer, int], None]:
@@ -88,24 +101,32 @@ def _void_loss(trainer: Trainer, at: int) -> None:
     trainer._update = spoiled  # type: ignore[method-assign]
 
 
-class _BrokenLogger:
-    """Stands in for wandb's logger when its process has died."""
+def _at_decision(trainer: Trainer, at: int, act: Callable[[], Any]) -> None:
+    """Has ``act`` happen once, when a batch with that decision has come and nothing was done with it yet."""
+    step, done = trainer._step, False
 
-    @property
-    def experiment(self) -> Any:
-        raise BrokenPipeError("wandb-core exited")
+    def then(batch: Any) -> Any:
+        nonlocal done
+        if not done and trainer.frames + len(batch) >= at:
+            act()
+            done = True
+        return step(batch)
+
+    trainer._step = then  # type: ignore[method-assign]
 
 
-def _break_wandb(trainer: Trainer, at: int) -> None:
-    row = trainer.log.row
+def _kill_worker(trainer: Trainer, at: int) -> None:
+    # The others go on meanwhile, this one at the latest at its next decision.
+    _at_decision(trainer, at, lambda: os.kill(next(p.pid for p in multiprocessing.active_children() if p.pid), signal.SIGKILL))
 
-    def broken(values: dict[str, float]) -> None:
-        if values["frames"] >= at:
-            trainer.log._wandb = trainer.log._wandb and _BrokenLogger()
-        row(values)
 
-    trainer.log._wandb = trainer.log._wandb or _BrokenLogger()
-    trainer.log.row = broken  # type: ignore[method-assign]
+def _kill_wandb(trainer: Trainer, at: int) -> None:
+    def act() -> None:
+        for pid in children():
+            if b"wandb-core" in Path(f"/proc/{pid}/cmdline").read_bytes():
+                os.kill(pid, signal.SIGKILL)
+
+    _at_decision(trainer, at, act)
 
 
 def _after_save(act: Callable[[Path], Any]) -> Callable[[Trainer, int], None]:
@@ -138,7 +159,8 @@ FAULTS = {
     "NaN in every depth": Fault(_at_step(_blind), True),
     "NaN in a reward": Fault(_at_step(_void_reward), True),
     "NaN in the loss": Fault(_void_loss, True),
-    "wandb dies": Fault(_break_wandb, False),
+    "worker killed": Fault(_kill_worker, True, {"collector": {"name": "parallel", "workers": 2}}, repeats=False),
+    "wandb killed": Fault(_kill_wandb, False, {"logger": {"mode": "offline"}}),
     "disk full": Fault(_after_save(_fill), True),
     "directory turns read-only": Fault(_after_save(lambda directory: _mount("--bind", directory, directory, read_only=True)), True),
 }
@@ -183,9 +205,11 @@ def suffer(cfg: DictConfig, directory: Path, fault: Fault) -> tuple[bool, int, s
     """Trains with the fault at half time, and goes on without it where it ended the training.
 
     Returns:
-        Whether training stopped or went on as it should with all files whole and then came to its end; bytes lost; the line that was told.
+        Whether training stopped or went on as it should, with all files and every stored transition, and then came to its end; bytes lost;
+        the line that was told.
     """
     directory.mkdir(parents=True, exist_ok=True)
+    cfg = OmegaConf.merge(cfg, fault.settings)  # type: ignore[assignment]
     trainer, line = Trainer(cfg, directory), ""
     fault.inject(trainer, cfg.trainer.frames // 2)
     try:
@@ -196,9 +220,11 @@ def suffer(cfg: DictConfig, directory: Path, fault: Fault) -> tuple[bool, int, s
         trainer.close()
     lost = unharmed(directory)
     mend(directory)
+    whole = len(line.splitlines()) <= 1
     if line:
+        saved = trainer.saved_frames
         trainer = Trainer(cfg, directory, checkpoint.read_training(directory))
+        whole = whole and len(trainer.replay) == min(saved, cfg.replay.capacity)
         trainer.run()
         trainer.close()
-    whole = trainer.frames >= cfg.trainer.frames and len(line.splitlines()) <= 1
-    return bool(line) == fault.stops and whole and not lost, lost, line
+    return bool(line) == fault.stops and whole and trainer.frames >= cfg.trainer.frames and not lost, lost, line

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import copy
+import io
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -11,10 +13,14 @@ from typing import Any
 from hydra import compose
 from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
+from omegaconf import OmegaConf
 from tqdm import tqdm
 
-from xqmap import checkpoint, cli, schema
+from xqmap import checkpoint, cli, explain, report, schema
 from xqmap.explanations import Decision
+from xqmap.explanations.dialogue import Dialogue
+from xqmap.explanations.page import page
+from xqmap.explanations.sentences import wording_for
 
 _HOSTILE = (
     "",
@@ -64,6 +70,25 @@ DECISION: dict[str, Any] = {
     "objects": [{"object": "blue flat block", "object_index": 0, "pixel": [3, 4], "values": {"flatness": 1, "color": 0.9}}],
     "noise": {"flatness": 0.1, "color": 0.1},
 }
+EVALUATION: dict[str, Any] = {
+    "task": "landing",
+    "method": "xqmap",
+    "training_seed": 0,
+    "runs": [{"seed": 0, "choices": 10, "correct": 9, "regret": 0.1, "components": {"flatness": 0.9, "color": 1.0}}],
+    "success": {"mean": 0.9, "std": 0.0, "choices": 10, "ci95": [0.6, 0.98]},
+    "baselines": {"random pixel": {"mean": 0.2, "std": 0.1, "choices": 10, "ci95": [0.1, 0.5], "regret": 1.0}},
+    "confusion": {"blue flat block": {"blue flat block": 9, "ground": 1}},
+    "calibration": {},
+    "settings": {"weights": {"color": 1.0}},
+    "machine": {"threads": 1},
+    "versions": {"torch": "2.13.0"},
+    "weights_sha256": "0" * 64,
+}
+_SETTINGS: dict[str, Any] = {"task": {"name": "landing"}, "method": {"name": "xqmap"}, "seed": 0, "trainer": {"frames": 4}}
+_METRICS = b"frames,seconds,success,reward,loss/color\n2,0.5,0.5,1.0,\n4,1.0,1.0,2.0,0.1\n"
+_ASKED = ("why?", "why not A?", "why not the red block?", "what if color counted half?", "how sure are you?")
+# One accepted file in so many is drawn, too, which takes as long as reading hundreds.
+_DRAWN = 100
 
 
 @st.composite
@@ -107,7 +132,8 @@ def _refused(act: Callable[[], Any]) -> bool:
 
 
 def _run(strategy: st.SearchStrategy[Any], check: Callable[[Any], bool], cases: int, name: str) -> dict[str, int]:
-    count = {"cases": 0, "refused": 0}
+    """Counts ``cases``, how many of them are ``refused`` and how many end in a ``crash``, each of which is printed."""
+    count = {"cases": 0, "refused": 0, "crashes": 0}
 
     with tqdm(total=cases, unit="case", desc=name, mininterval=1.0) as bar:
 
@@ -116,27 +142,43 @@ def _run(strategy: st.SearchStrategy[Any], check: Callable[[Any], bool], cases: 
         @given(strategy)
         def each(case: Any) -> None:
             count["cases"] += 1
-            count["refused"] += check(case)
+            try:
+                count["refused"] += check(case)
+            except Exception as error:
+                count["crashes"] += 1
+                bar.write(cli.one_line(f"{name}: {type(error).__name__}: {error!s:.200} from {case!r:.500}"))
             bar.update()
 
         each()
     return count
 
 
+def _bytes(content: st.SearchStrategy[Any]) -> st.SearchStrategy[bytes]:
+    return content.map(lambda value: json.dumps(value).encode("utf-8", "surrogatepass"))
+
+
 def decisions(folder: Path, cases: int) -> dict[str, int]:
-    """Decision files: a good one changed, any JSON, any bytes. One that is taken must come out as JSON again."""
-    path = folder / "decision.json"
-    strategy = (
-        changed(DECISION).map(lambda content: json.dumps(content).encode("utf-8", "surrogatepass"))
-        | _value.map(lambda content: json.dumps(content).encode("utf-8", "surrogatepass"))
-        | st.binary(max_size=200)
-    )
+    """Decision files: a good one changed, any JSON, any bytes. One that is taken must be explained, answer questions and be JSON again."""
+    path, taken = folder / "decision.json", 0
+
+    def explained() -> None:
+        nonlocal taken
+        decision = Decision.load(path)
+        json.dumps(decision.to_dict(), allow_nan=False)
+        explain.text(decision)
+        dialogue = Dialogue(decision, wording_for(decision.task))
+        for question in _ASKED:
+            dialogue.ask(question)
+        (dialogue.to_json() + dialogue.to_markdown()).encode()
+        if taken % _DRAWN == 0:
+            page([decision], [(e.question, e.answer) for e in dialogue.exchanges]).encode()
+        taken += 1
 
     def check(content: bytes) -> bool:
         path.write_bytes(content)
-        return _refused(lambda: json.dumps(Decision.load(path).to_dict(), allow_nan=False))
+        return _refused(explained)
 
-    return _run(strategy, check, cases, "decision files")
+    return _run(_bytes(changed(DECISION)) | _bytes(_value) | st.binary(max_size=200), check, cases, "decision files")
 
 
 def run_directories(file: Path, folder: Path, cases: int) -> dict[str, int]:
@@ -144,10 +186,7 @@ def run_directories(file: Path, folder: Path, cases: int) -> dict[str, int]:
     tensors, facts = checkpoint.read(file)
     whole = file.read_bytes()
     target = folder / checkpoint.POLICY
-    bytewise = st.tuples(st.integers(0, len(whole) - 1), st.binary(max_size=4)).map(
-        lambda c: whole[: c[0]] + c[1] + whole[c[0] + len(c[1]) :]
-    )
-    strategy = changed(facts) | bytewise | st.sampled_from(sorted(tensors))
+    strategy = changed(facts) | _spoiled(whole) | st.sampled_from(sorted(tensors))
 
     def check(case: Any) -> bool:
         if isinstance(case, bytes):
@@ -159,6 +198,48 @@ def run_directories(file: Path, folder: Path, cases: int) -> dict[str, int]:
         return _refused(lambda: checkpoint.load_run(folder))
 
     return _run(strategy, check, cases, "run directories")
+
+
+def reports(folder: Path, cases: int) -> dict[str, int]:
+    """Directories that a report reads: an evaluation, stored settings and metrics, of which one is changed or is any bytes."""
+    run, made = folder / "reported", 0
+    whole = {
+        run / "evaluation.json": (EVALUATION, json.dumps(EVALUATION).encode()),
+        # JSON is also yaml.
+        run / ".hydra" / "config.yaml": (_SETTINGS, json.dumps(_SETTINGS).encode()),
+        run / "metrics.csv": (None, _METRICS),
+    }
+    for path, (_, content) in whole.items():
+        checkpoint.write_atomically(path, content)
+    strategy = st.one_of(
+        [
+            st.tuples(st.just(path), st.binary(max_size=100) | (_bytes(changed(plain)) if plain else _spoiled(content)))
+            for path, (plain, content) in whole.items()
+        ]
+    )
+
+    def check(case: tuple[Path, bytes]) -> bool:
+        nonlocal made
+        path, content = case
+        kept = path.read_bytes()
+        path.write_bytes(content)
+        form = "md" if made % _DRAWN else "html"
+        made += 1
+        cfg = OmegaConf.create({"runs": str(folder), "out": str(folder / f"report.{form}"), "format": form})
+        try:
+            with contextlib.redirect_stdout(io.StringIO()):
+                return _refused(lambda: report.report(cfg))
+        finally:
+            path.write_bytes(kept)
+
+    return _run(strategy, check, cases, "reports")
+
+
+def _spoiled(whole: bytes) -> st.SearchStrategy[bytes]:
+    """``whole`` with up to four bytes replaced or lost somewhere."""
+    return st.tuples(st.integers(0, len(whole) - 1), st.integers(0, 4), st.binary(max_size=4)).map(
+        lambda c: whole[: c[0]] + c[2] + whole[c[0] + c[1] :]
+    )
 
 
 def overrides(cases: int) -> dict[str, int]:

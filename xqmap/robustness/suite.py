@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -50,7 +51,7 @@ def injected(cfg: DictConfig, see: DictConfig, rounds: int) -> dict[str, Any]:
                 disk = faults.small_disk(directory, 256) if name in faults.ON_A_DISK else _nothing()
                 with disk:
                     held, bytes_lost, _ = faults.suffer(cfg, directory, fault)
-                    same = checkpoint.read(directory / checkpoint.POLICY)[1]["sha256"] == expected
+                    same = not fault.repeats or checkpoint.read(directory / checkpoint.POLICY)[1]["sha256"] == expected
             except PermissionError:
                 print(f"{name}: not tried, mounting a disk takes root")
                 continue
@@ -75,21 +76,22 @@ def _nothing() -> Iterator[None]:
 
 
 def fuzzed(cfg: DictConfig, see: DictConfig, rounds: int) -> dict[str, Any]:
-    """``rounds`` cases: three of five are decision files, one a run directory, one a set of overrides."""
+    """``rounds`` cases: of ten, five are decision files, two run directories, one what a report reads, two sets of overrides."""
     try:
         from xqmap.robustness import fuzz
     except ImportError:
         raise UserError("what=fuzz needs hypothesis: pip install 'xqmap[dev]'") from None
-    part = max(1, rounds // 5)
+    part = math.ceil(rounds / 10)
     with _folder() as folder:
         interruptions.finish(_short(cfg), folder / "alone")
         counts = {
-            "decisions": fuzz.decisions(folder, 3 * part),
-            "run_directories": fuzz.run_directories(folder / "alone" / checkpoint.POLICY, folder, part),
-            "overrides": fuzz.overrides(part),
+            "decisions": fuzz.decisions(folder, 5 * part),
+            "run_directories": fuzz.run_directories(folder / "alone" / checkpoint.POLICY, folder / "other", 2 * part),
+            "reports": fuzz.reports(folder / "reports", part),
+            "overrides": fuzz.overrides(2 * part),
         }
-    total = {f"{name}_{what}": number for name, count in counts.items() for what, number in count.items()}
-    return total | {"cases": sum(count["cases"] for count in counts.values()), "crashes": 0}
+    total = {what: sum(count[what] for count in counts.values()) for what in ("cases", "refused", "crashes")}
+    return {f"{name}_{what}": number for name, count in counts.items() for what, number in count.items()} | total
 
 
 # What to run, and how many rounds of it are enough.
