@@ -122,7 +122,7 @@ def test_workers_in_step_repeat_bit_by_bit(config: Callable[..., DictConfig], tm
     assert first.updates > 0
     shas = [checkpoint.load_run(tmp_path / name).sha256 for name in "ab"]
     assert shas[0] == shas[1]
-    scenes = [trained.replay.contents()["heightmap.color"] for trained in (first, second)]
+    scenes = [trained.replay.contents()["state.color"] for trained in (first, second)]
     assert torch.equal(*scenes)
     assert len(scenes[0][::2].unique(dim=0)) > 4
 
