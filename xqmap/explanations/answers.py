@@ -5,15 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from xqmap.explanations import contrast, sentences
-from xqmap.explanations.decision import SELECTED, Candidate, Decision, together
-from xqmap.explanations.questions import NUMBERS, Question
+from xqmap.explanations import contrast, facts, sentences
+from xqmap.explanations.decision import Candidate, Decision, together
+from xqmap.explanations.facts import Answer, called, is_listed
+from xqmap.explanations.questions import Question
 from xqmap.explanations.sentences import counted, listed, number, phrase, sentence, signed, the
-
-# An answer, and the numbers in it that were computed for it (values under other weights, counts).
-Answer = tuple[str, list[float]]
-# Objects that one answer lists at most.
-_MOST_LISTED = 12
 
 
 def answer(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
@@ -30,17 +26,13 @@ def _plain(key: str) -> Callable[[Question, Decision, Mapping[str, Any]], Answer
 
 
 def _unknown(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
-    return f"{words['answers']['unknown']} {words['answers']['help']}", []
+    return words["answers"]["unknown"].format(component=phrase(decision.shallow, words)), []
 
 
-def _missing(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
-    listing, counts = _scene(question, decision, words)
-    return f"{words['answers']['missing'].format(thing=question.thing)} {listing}", counts
-
-
-def _no_component(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
+def _self(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
     known = listed([phrase(name, words) for name in decision.components])
-    return words["answers"]["no_component"].format(component=phrase(question.component or "", words), known=known), []
+    key = "self" if len(decision.components) > 1 else "self_single"
+    return words["answers"][key].format(setting=words["setting"], components=known), []
 
 
 def _shallow(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
@@ -50,6 +42,9 @@ def _shallow(question: Question, decision: Decision, words: Mapping[str, Any]) -
 def _contrastive(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
     if not question.about:
         return words["answers"]["alone"], []
+    if question.about == [decision.selected]:
+        same = words["answers"]["same_place"].format(object=the(decision.selected.object))
+        return f"{same} {sentences.shallow(decision, words)}", []
     said = [sentences.contrastive(decision, decision.selected, other, words) for other in question.about]
     return " ".join(said), []
 
@@ -62,7 +57,7 @@ def _runner_up(question: Question, decision: Decision, words: Mapping[str, Any])
     if not decision.others:
         return words["answers"]["alone"], []
     best = decision.others[0]
-    text = words["answers"]["runner_up"].format(other=_named(best, decision), overall=number(best.overall))
+    text = words["answers"]["runner_up"].format(other=called(best, decision), overall=number(best.overall))
     return f"{sentence(text)} {sentences.contrastive(decision, decision.selected, best, words)}", []
 
 
@@ -76,7 +71,7 @@ def _component(question: Question, decision: Decision, words: Mapping[str, Any])
             delta = contrast.rdx(chosen.values, other.values)
             best = max(delta, key=lambda name: delta[name])
             key = "component_against" if delta[best] > 0 else "component_none_against"
-            named = {"other": _named(other, decision), "component": phrase(best, words), "value": signed(delta[best])}
+            named = {"other": called(other, decision), "component": phrase(best, words), "value": signed(delta[best])}
             said.append(sentence(words["answers"][key].format(**named)))
         return " ".join(said), []
     values = listed([f"{phrase(name, words)} {number(chosen.values[name])}" for name in decision.components])
@@ -84,86 +79,29 @@ def _component(question: Question, decision: Decision, words: Mapping[str, Any])
     return words["answers"]["component"].format(**named), []
 
 
-def _component_of(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
-    name = question.component or decision.components[0]
-    said = [f"{number(c.values[name])} for {_named(c, decision)}" for c in question.about]
-    key = "component_of" if name in words["meanings"] else "component_of_alone"
-    meaning = words["meanings"].get(name, "")
-    return words["answers"][key].format(component=phrase(name, words), values=listed(said), meaning=meaning), []
-
-
-def _meaning(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
-    return _meant(question.component or decision.components[0], words), []
-
-
-def _meant(component: str, words: Mapping[str, Any]) -> str:
-    meaning = words["meanings"].get(component)
-    if meaning is None:
-        return sentence(words["answers"]["no_meaning"].format(component=phrase(component, words)))
-    return sentence(words["answers"]["meaning"].format(component=phrase(component, words), meaning=meaning))
-
-
-def _values(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
-    said = []
-    for c in question.about:
-        values = listed([f"{phrase(name, words)} {number(c.values[name])}" for name in decision.components])
-        key = "values" if len(decision.components) > 1 else "values_single"
-        said.append(sentence(words["answers"][key].format(object=_named(c, decision), values=values, overall=number(c.overall))))
-    return " ".join(said), []
-
-
-def _where(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
-    said: list[str] = []
-    computed: list[float] = []
-    for c in question.about:
-        if c.pixel is None:
-            said.append(words["answers"]["no_place"].format(object=_named(c, decision)))
-            continue
-        x, y, z = c.position or (0.0, 0.0, 0.0)
-        key = "where" if c.position is not None else "where_pixel"
-        named = {"row": c.pixel[0], "column": c.pixel[1], "x": number(x), "y": number(y), "z": number(z)}
-        said.append(words["answers"][key].format(object=_named(c, decision), **named))
-        computed += [*c.pixel, x, y, z]
-    return " ".join(map(sentence, said)), computed
-
-
-def _list(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
-    lines = [f"{c.label}, {the(c.object)} (overall value {number(c.overall)})" for c in decision.candidates]
-    return words["answers"]["list"].format(candidates=listed(lines)), []
-
-
-def _scene(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
-    things = [thing for thing in decision.objects if thing.object_index is not None]
-    if not things:
-        return _list(question, decision, words)
-    counts: dict[str, int] = {}
-    for thing in things:
-        counts[thing.object] = counts.get(thing.object, 0) + 1
-    shown = [f"{NUMBERS[n] if n < len(NUMBERS) else n} {name}{'s' if n > 1 else ''}" for name, n in list(counts.items())[:_MOST_LISTED]]
-    if len(counts) > _MOST_LISTED:
-        shown.append("others")
-    total = f"{NUMBERS[len(things)] if len(things) < len(NUMBERS) else len(things)} object{'s' if len(things) > 1 else ''}"
-    return words["answers"]["scene"].format(total=total, things=listed(shown)), [float(len(things)), *map(float, counts.values())]
-
-
 def _sure(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
     chosen, error = decision.selected, decision.error
     # Beside the candidates, the best other object counts: it may be closer.
-    others = question.about or [*decision.alternatives, *(o for o in decision.others[:1] if not _listed(o, decision))]
+    others = question.about or [*decision.alternatives, *(o for o in decision.others[:1] if not is_listed(o, decision))]
     others = [other for other in others if not together(chosen, other)]
     if not others:
         return words["answers"]["alone" if not question.about else "same_place"].format(object=the(chosen.object)), []
     gaps = [chosen.overall - other.overall for other in others]
     behind = listed(
-        [f"{_named(o, decision)} is {number(abs(g))} {'behind' if g >= 0 else 'ahead'}" for o, g in zip(others, gaps, strict=True)]
+        [f"{called(o, decision)} is {number(abs(g))} {'behind' if g >= 0 else 'ahead'}" for o, g in zip(others, gaps, strict=True)]
     )
     text = sentence(words["answers"]["sure"].format(behind=behind))
     if error == 0:
         return f"{text} {words['answers']['sure_unknown']}", []
     open_ = [other for other, gap in zip(others, gaps, strict=True) if abs(gap) <= error]
     key = "sure_clear" if not open_ else "sure_open" if len(open_) == len(others) else "sure_mixed"
-    against = listed([_named(other, decision) for other in open_]) if open_ else ""
+    against = listed([called(other, decision) for other in open_]) if open_ else ""
     return f"{text} {words['answers'][key].format(error=number(error), against=against)}", []
+
+
+def _chance(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
+    text, computed = _sure(question, decision, words)
+    return f"{words['answers']['chance']} {text}", computed
 
 
 def _robust(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
@@ -172,7 +110,7 @@ def _robust(question: Question, decision: Decision, words: Mapping[str, Any]) ->
         others = question.about or decision.alternatives
         for other in [c for c in others if not together(c, decision.selected)]:
             delta = contrast.rdx(decision.selected.values, other.values)
-            said.append(sentence(sentences.turn(delta, _named(other, decision), words)))
+            said.append(sentence(sentences.turn(delta, called(other, decision), words)))
     return " ".join(said), []
 
 
@@ -195,7 +133,7 @@ def _what_if(question: Question, decision: Decision, words: Mapping[str, Any]) -
         key = "what_if_elsewhere" if best.object_index is None else "what_if_another"
     else:
         key = "what_if_turned"
-    named |= {"other": _named(best, decision) if key == "what_if_turned" else best.object}
+    named |= {"other": called(best, decision) if key == "what_if_turned" else best.object}
     said = f"{words['answers'][key].format(**named)} {words['answers']['what_if_note']}"
     return sentence(said), [worth(best), worth(chosen), *question.factors.values()]
 
@@ -207,44 +145,30 @@ def _q_value(question: Question, decision: Decision, words: Mapping[str, Any]) -
     return words["answers"][key].format(components=names, object=the(chosen.object), overall=number(chosen.overall)), []
 
 
-def _listed(thing: Candidate, decision: Decision) -> bool:
-    return any(together(thing, candidate) for candidate in decision.candidates)
-
-
-def _named(candidate: Candidate, decision: Decision) -> str:
-    """A candidate in an answer: "the ground (A)"; one that bears the chosen one's name, but is not it, is "another" one."""
-    chosen = decision.selected
-    if candidate.label == SELECTED:
-        return the(candidate.object)
-    name = the(candidate.object)
-    if candidate.object == chosen.object and not together(candidate, chosen):
-        name = f"another {candidate.object}" if candidate.object_index is not None else f"another spot of {the(candidate.object)}"
-    here = [c for c in decision.alternatives if (c.object, c.object_index) == (candidate.object, candidate.object_index)]
-    if candidate.label == candidate.object and any(c.pixel != candidate.pixel for c in here):
-        # A candidate lies on it too, elsewhere.
-        return f"{name} at its best spot"
-    return name if candidate.label in ("", candidate.object) else f"{name} ({candidate.label})"
-
-
 _ANSWERS: dict[str, Callable[[Question, Decision, Mapping[str, Any]], Answer]] = {
     "help": _plain("help"),
     "rdx": _plain("rdx"),
     "thanks": _plain("thanks"),
     "scene_if": _plain("scene_if"),
-    "missing": _missing,
-    "no_component": _no_component,
+    "self": _self,
+    "missing": facts.missing,
+    "no_component": facts.no_component,
     "shallow": _shallow,
     "contrastive": _contrastive,
     "pair": _pair,
     "runner_up": _runner_up,
     "component": _component,
-    "component_of": _component_of,
-    "meaning": _meaning,
-    "values": _values,
-    "where": _where,
-    "list": _list,
-    "scene": _scene,
+    "component_of": facts.component_of,
+    "meaning": facts.meaning,
+    "values": facts.values,
+    "where": facts.where,
+    "list": facts.listing,
+    "scene": facts.scene,
+    "who": facts.who,
+    "most": facts.most,
+    "number": facts.of_number,
     "sure": _sure,
+    "chance": _chance,
     "robust": _robust,
     "what_if": _what_if,
     "q_value": _q_value,

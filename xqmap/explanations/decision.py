@@ -20,6 +20,8 @@ from xqmap.explanations import contrast
 from xqmap.explanations.perception import Scene
 
 SELECTED = "Selected"
+# Cells around an object that speak for it as much as for the background, whose best cell is looked for farther away.
+_EDGE = 2
 
 
 @dataclass
@@ -58,7 +60,8 @@ class Decision:
         candidates: ``Selected`` first, then one per component.
         scene_seed: of the scene, if it came from one.
         step: which decision of its episode it is, from 0.
-        objects: what is in the scene, the background included, each taken at its best cell; by falling overall value.
+        objects: what is in the scene, the background included, each taken at its best cell (of the background, away from
+            objects); by falling overall value.
         noise: typical error of each component's values (mean |TD error| at the end of training); empty if unknown.
         heightmap: ``[4, H, W]``: 0–255 and metres; None where only the numbers are known.
         maps: ``[K, H, W]``: the weighted Q-Maps, NaN where an action cannot be chosen; None likewise.
@@ -153,10 +156,15 @@ though color speaks against it (-0.02). If flatness counted 0.02 times as much, 
 
     def _pool(self, scene: Scene) -> list[Candidate]:
         assert self.maps is not None
+        from scipy import ndimage
+
         total = self.maps.sum(0)
         pooled = []
+        edge = ndimage.binary_dilation(scene.cells >= 0, iterations=_EDGE) & (scene.cells < 0)
         for index, name in enumerate([*scene.names, scene.background]):
-            cells = np.where(scene.cells == (index if index < len(scene.names) else -1), total, np.nan)
+            inside = np.where(scene.cells == (index if index < len(scene.names) else -1), total, np.nan)
+            away = np.where(edge, np.nan, inside)
+            cells = inside if np.isnan(away).all() else away
             if not np.isnan(cells).all():
                 row, column = np.unravel_index(int(np.nanargmax(cells)), cells.shape)
                 pooled.append(self.at((int(row), int(column)), name))

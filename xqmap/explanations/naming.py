@@ -2,16 +2,51 @@
 
 from __future__ import annotations
 
+import difflib
 import re
+from collections.abc import Iterable
 
 from xqmap.explanations.decision import SELECTED, Candidate, Decision
 
 # Words that describe no thing.
 _PLAIN = frozenset(
-    ("other", "chosen", "selected", "best", "next", "first", "second", "same", "right", "left", "which", "one", "another", "any", "only")
+    (
+        "other",
+        "chosen",
+        "selected",
+        "best",
+        "next",
+        "first",
+        "second",
+        "same",
+        "right",
+        "left",
+        "which",
+        "one",
+        "another",
+        "any",
+        "only",
+        "least",
+        "most",
+        "worst",
+        "highest",
+        "lowest",
+        "better",
+    )
 )
 COLORS = frozenset(("red", "orange", "yellow", "green", "blue", "purple", "gray", "black", "white", "brown", "pink"))
 _VERBS = r"vs|versus|or|and|is|was|has|instead|rather|better|over"
+# What a thing is called that was chosen, and words after which something else is meant.
+_CHOSEN = (
+    r"\bselected\b|\byours\b|\byour (choice|pick|spot|target|object|cube|bowl|block|one)\b|\bthe (chosen|picked) \w+"
+    r"|\b(the|that) (\w+ ){0,2}(that |which )?you(('| ha)ve)? (chose|chosen|picked|took|selected|went for)\b"
+)
+_TURN = re.compile(
+    r"(?<!could )(?<!can )\bnot\b|\b(instead|rather|than|over|versus|vs|compare|difference|against|wrong|other|another)\b"
+    r"|\bwhy \w+n['’]?t\b"
+)
+# A misspelled word is at least this long, and this like the right one.
+_SHORTEST, _LIKENESS = 4, 0.75
 
 
 def plain(text: str) -> str:
@@ -19,29 +54,44 @@ def plain(text: str) -> str:
     return " ".join(re.sub(r"[^\w\s.,%'-]", " ", text.lower().replace("’", "'")).split()).rstrip(" .,")
 
 
+def respelled(text: str, vocabulary: Iterable[str]) -> str:
+    """A plain text with its misspelled words replaced by what they are most like in a vocabulary."""
+    words = sorted({word for known in vocabulary for word in known.lower().split()})
+
+    def likely(match: re.Match[str]) -> str:
+        word = match.group()
+        alike = [] if len(word) < _SHORTEST or _singular(word) in words else difflib.get_close_matches(word, words, 1, _LIKENESS)
+        return alike[0] if alike else word
+
+    return re.sub(r"[a-z]+", likely, plain(text))
+
+
 def named(text: str, decision: Decision) -> list[Candidate]:
-    """The candidates and objects that a text names, in the decision's order."""
+    """The candidates and objects that a text names, in the decision's order.
+
+    Where the chosen one and others answer to a name, the chosen one is meant, but after "not", "rather than" and their like another.
+    """
     lowered = text.lower()
+    turn = found.start() if (found := _TURN.search(lowered)) else len(lowered)
     labels = [candidate for candidate in decision.candidates if _says_label(text, candidate.label)]
     pool = [*decision.candidates, *decision.objects]
     # The longest names first, so that "red cube" is not looked for within "dark red cube".
-    rest, whole = lowered, []
+    rest, matching = re.sub(_CHOSEN, lambda match: ";" * len(match.group()), lowered), []
     for name in sorted({candidate.object.lower() for candidate in pool}, key=len, reverse=True):
-        if re.search(rf"(?<!\w){re.escape(name)}s?(?!\w)", rest):
-            whole.append(name)
-            rest = rest.replace(name, " ; ")
-    matching = [_meant([c for c in pool if c.object.lower() == name], decision) for name in whole]
+        for match in re.finditer(rf"(?<!\w){re.escape(name)}s?(?!\w)", rest):
+            matching.append(_meant([c for c in pool if c.object.lower() == name], decision, match.start() < turn))
+        rest = rest.replace(name, ";" * len(name))
     nouns = {candidate.object.lower().split()[-1] for candidate in pool} | {"one"}
-    for words in _phrases(rest, nouns) if missing(text, decision) is None else []:
+    for start, words in _phrases(rest, nouns) if missing(text, decision) is None else []:
         # "The red one", "the cube": the objects whose names hold most of these words.
         scores = [len(words & set(candidate.object.lower().split())) for candidate in pool]
         if best := [c for c, score in zip(pool, scores, strict=True) if score == max(scores) > 0]:
-            matching.append(_meant(best, decision))
-    found = list(labels)
+            matching.append(_meant(best, decision, start < turn))
+    those = list(labels)
     for candidate in matching:
-        if not any(candidate is known or _one(candidate, known) for known in found):
-            found.append(candidate)
-    return sorted(found, key=lambda candidate: next((i for i, c in enumerate(pool) if c is candidate), 0))
+        if not any(candidate is known or _one(candidate, known) for known in those):
+            those.append(candidate)
+    return sorted(those, key=lambda candidate: next((i for i, c in enumerate(pool) if c is candidate), 0))
 
 
 def missing(text: str, decision: Decision) -> str | None:
@@ -65,10 +115,12 @@ def missing(text: str, decision: Decision) -> str | None:
     return None
 
 
-def _phrases(text: str, nouns: set[str]) -> list[set[str]]:
-    """The words between a determiner and the noun it belongs to, or the sentence's end: {red, block}, {red}, {bowl}."""
+def _phrases(text: str, nouns: set[str]) -> list[tuple[int, set[str]]]:
+    """The words between a determiner and the noun it belongs to, or the sentence's end, and where: {red, block}, {red}, {bowl}."""
     found = []
-    for match in re.finditer(r"\b(?:the|that|an?|another|other|any|not|than|over|about|versus|or|and)\s+((?:[a-z]+[\s?.!,]*){1,4})", text):
+    for match in re.finditer(
+        r"\b(?:the|that|an?|another|other|any|no|not|than|over|about|versus|or|and|with)\s+((?:[a-z]+[\s?.!,]*){1,4})", text
+    ):
         words: set[str] = set()
         for word in re.findall(r"[a-z]+", match.group(1)):
             words.add(_singular(word))
@@ -78,30 +130,35 @@ def _phrases(text: str, nouns: set[str]) -> list[set[str]]:
             # Without a noun it is a description only where nothing else follows: "why not red?"
             words = words if len(words) == 1 and match.end() >= len(text.rstrip()) else set()
         if words - _PLAIN:
-            found.append(words - _PLAIN)
+            found.append((match.start(), words - _PLAIN))
     return found
 
 
 def _says_label(text: str, label: str) -> bool:
     if label == SELECTED:
-        return re.search(r"\bselected\b|\byour choice\b|\bthe chosen (one|spot|pixel|object)\b", text.lower()) is not None
+        return re.search(_CHOSEN, text.lower()) is not None
     own, small = re.escape(label), re.escape(label.lower())
     if re.search(rf"\b(?:pixel|candidate|option|spot|point|label|action)\s+{small}(?!\w)", text.lower()):
         return True
     if label == "I":
         return False
+    if re.search(rf"(?<![\w'’]){own}['’]s\b", text):
+        return True
     # In small letters only where no article can stand: at the end, before a sign, or before "or", "instead", …
     if re.search(rf"(?<![\w'’])(?i:{small})(?=\s*(?:[?.,!)]|$|(?:{_VERBS})\b))", text):
         return True
+    if text.isupper():
+        return False
     # At the beginning of a sentence, "A" may be the article too.
     return re.search(rf"(?<![\w'’]){own}(?![\w'’])(?!\s+[a-z]+\s+[a-z]+)|(?<=\w\s){own}(?![\w'’])", text) is not None
 
 
-def _meant(same: list[Candidate], decision: Decision) -> Candidate:
-    """Of things that answer to one name: the selected one if it is the only one, else the best that was not chosen."""
+def _meant(same: list[Candidate], decision: Decision, own: bool) -> Candidate:
+    """Of things that answer to one name: the selected one if ``own``, or if it is the only one, else the best that was not chosen."""
+    chosen = [c for c in same if c.label == SELECTED] if own else []
     apart = [c for c in same if c.label != SELECTED and not _one(c, decision.selected)]
     candidates = [c for c in apart if c in decision.candidates]
-    return (candidates or sorted(apart, key=lambda c: -c.overall) or same)[0]
+    return (chosen or candidates or sorted(apart, key=lambda c: -c.overall) or same)[0]
 
 
 def _one(first: Candidate, second: Candidate) -> bool:

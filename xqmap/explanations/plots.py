@@ -20,6 +20,7 @@ from matplotlib.patches import Patch
 
 from xqmap.checkpoint import replacing
 from xqmap.explanations.decision import SELECTED, Decision
+from xqmap.explanations.marks import mark
 from xqmap.explanations.sentences import number, signed
 
 PALETTE = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#F0E442", "#000000")
@@ -207,33 +208,8 @@ def _draw_maps(decision: Decision, figure: Any) -> None:
         for spine in axis.spines.values():
             spine.set(visible=framed, linewidth=3, color=PALETTE[(i - 1) % len(PALETTE)])
         if i <= len(panels):
-            _mark(decision, axis)
-
-
-def _mark(decision: Decision, axis: Axes) -> None:
-    """Rings each candidate's cell, which stays visible; beside it its label, ★ for the selected one; labels of one cell stand together."""
-    cells: dict[tuple[int, int], list[str]] = {}
-    for candidate in decision.candidates:
-        if candidate.pixel is not None:
-            cells.setdefault(candidate.pixel, []).append("★" if candidate.label == SELECTED else candidate.label)
-    assert decision.heightmap is not None
-    rows, columns = decision.heightmap.shape[-2:]
-    for (row, column), labels in cells.items():
-        axis.plot(column, row, "o", ms=11, mfc="none", mec="white", mew=3)
-        axis.plot(column, row, "o", ms=11, mfc="none", mec="black", mew=1.1)
-        # Towards the middle, so that no label leaves the map.
-        away = (-13 if column > columns / 2 else 13, -13 if row > rows / 2 else 13)
-        axis.annotate(
-            " ".join(labels),
-            (column, row),
-            xytext=away,
-            textcoords="offset points",
-            ha="center",
-            va="center",
-            fontsize=11 if "★" in labels else 9,
-            zorder=5,
-            bbox={"boxstyle": "round,pad=0.2", "fc": "white", "ec": "0.3", "lw": 0.6, "alpha": 0.9},
-        )
+            # Points of the page to a cell, about.
+            mark(decision, axis, 72 * (_panel_height(decision) - 0.6) / decision.heightmap.shape[-2])
 
 
 def _stacked(decision: Decision) -> bool:
@@ -283,8 +259,10 @@ def _draw_rdx(decision: Decision, axis: Axes, pairs: list[tuple[str, str]]) -> N
     axis.set_ylabel("difference")
     axis.set_title("Differences (RDX): above zero speaks for the first")
     axis.margins(y=0.15)
-    if not any(any(decision.rdx(*pair).values()) for pair in pairs):
-        axis.set_ylim(-1, 1)
+    # Differences that are nothing beside the values look like it.
+    reach = max(abs(value) for candidate in decision.candidates for value in candidate.values.values()) / 4 or 1.0
+    low, high = axis.get_ylim()
+    axis.set_ylim(min(low, -reach), max(high, reach))
 
 
 def _legend(decision: Decision, axis: Axes) -> None:
