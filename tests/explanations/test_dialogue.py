@@ -165,6 +165,22 @@ def test_follow_up_questions_refer_back() -> None:
     assert "0.05 for the red inclined block" in talk.ask("How flat is it?").answer
 
 
+def test_candidates_on_the_chosen_object_are_told_apart_by_their_spots() -> None:
+    made = decision()
+    made.candidates[1].pixel, made.candidates[1].object, made.candidates[1].object_index = (0, 0), "blue flat block", 0
+    made.candidates[2].object, made.candidates[2].object_index = "blue flat block", 0
+    talk = Dialogue(made, wording_for("landing"))
+    assert talk.ask("Why not A?").answer == (
+        "My choice and candidate (A) are the very same spot, the blue flat block, so there is nothing to contrast."
+    )
+    assert talk.ask("Why not B?").answer == (
+        "My choice and candidate (B) lie on the same object, the blue flat block; the spot of my choice is worth 0.88 more "
+        "(flatness +0.92 and color -0.04)."
+    )
+    assert talk.ask("How sure are you about B?").answer == "Candidate (B) is the blue flat block, my choice itself."
+    assert not any(exchange.ungrounded for exchange in talk.exchanges)
+
+
 def test_questions_about_a_table_of_cubes_and_bowls() -> None:
     talk = dialogue("grasping")
     assert "shape speaks for it (+0.95), though color speaks against it (-0.19)" in talk.ask("Why not the purple bowl?").answer

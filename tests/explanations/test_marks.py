@@ -1,4 +1,4 @@
-"""Where labels stand on a map."""
+"""Where labels stand on a map, and how large differences look."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from xqmap.explanations import Candidate, Decision
+from xqmap.explanations import Candidate, Decision, plots
 from xqmap.explanations.marks import mark
 
 SCALE = 4.0
@@ -28,3 +28,10 @@ def test_labels_of_neighbouring_cells_stand_apart_and_on_the_map(corner: tuple[i
     assert math.dist(*at) >= 14
     assert all(0 < x < 30 * SCALE and 0 < y < 60 * SCALE for x, y in at)
     plt.close(figure)
+
+
+def test_differences_that_are_nothing_beside_the_values_look_like_it() -> None:
+    candidates = [Candidate(name, "thing", {"a": value, "b": 1.0}) for name, value in (("Selected", 1.0), ("A", 0.999))]
+    low, high = plots.rdx(Decision("toy", ("a", "b"), candidates)).axes[0].get_ylim()
+    assert low <= -0.25 and high >= 0.25
+    plt.close("all")

@@ -43,7 +43,7 @@ def _contrastive(question: Question, decision: Decision, words: Mapping[str, Any
     if not question.about:
         return words["answers"]["alone"], []
     if question.about == [decision.selected]:
-        same = words["answers"]["same_place"].format(object=the(decision.selected.object))
+        same = words["answers"]["same_place"].format(this=words["answers"]["this"], object=the(decision.selected.object))
         return f"{same} {sentences.shallow(decision, words)}", []
     said = [sentences.contrastive(decision, decision.selected, other, words) for other in question.about]
     return " ".join(said), []
@@ -84,8 +84,12 @@ def _sure(question: Question, decision: Decision, words: Mapping[str, Any]) -> A
     # Beside the candidates, the best other object counts: it may be closer.
     others = question.about or [*decision.alternatives, *(o for o in decision.others[:1] if not is_listed(o, decision))]
     others = [other for other in others if not together(chosen, other)]
+    if not others and question.about:
+        return sentence(
+            words["answers"]["same_place"].format(this=sentences.referred(question.about[0], words), object=the(chosen.object))
+        ), []
     if not others:
-        return words["answers"]["alone" if not question.about else "same_place"].format(object=the(chosen.object)), []
+        return words["answers"]["alone"], []
     gaps = [chosen.overall - other.overall for other in others]
     behind = listed(
         [f"{called(o, decision)} is {number(abs(g))} {'behind' if g >= 0 else 'ahead'}" for o, g in zip(others, gaps, strict=True)]

@@ -85,8 +85,7 @@ def contrastive(decision: Decision, first: Candidate, second: Candidate, words: 
     """
     chose = first.label == SELECTED
     if together(first, second):
-        template = words["same_pixel" if first.pixel == second.pixel and first.pixel is not None else "same_object"]
-        return sentence(template.format(object=the(first.object), label=second.label, first=_called(first)))
+        return _same(first, second, words)
     delta = contrast.rdx(first.values, second.values)
     gap = sum(delta.values())
     if gap < 0 and not chose:
@@ -122,6 +121,30 @@ def contrastive(decision: Decision, first: Candidate, second: Candidate, words: 
     )
     more = [] if gap < 0 else [*_enough(delta, len(pro), words), turn(delta, names["other"], words)]
     return " ".join(sentence(part) for part in [text, *more])
+
+
+def _same(first: Candidate, second: Candidate, words: Mapping[str, Any]) -> str:
+    """Of two candidates on one object: whose spot on it is better."""
+    names = {"first": referred(first, words), "second": referred(second, words), "object": the(first.object)}
+    delta = contrast.rdx(first.values, second.values)
+    if sum(delta.values()) < 0:
+        delta = contrast.rdx(second.values, first.values)
+    gap = number(sum(delta.values()))
+    if first.pixel == second.pixel and first.pixel is not None:
+        return sentence(words["same_pixel"].format(**names))
+    if gap == "0.00":
+        return sentence(words["same_object"].format(**names))
+    better = names["first" if first.overall > second.overall else "second"]
+    values = listed([f"{phrase(name, words)} {signed(value)}" for name, value in delta.items()])
+    template = words["same_object_better" if len(delta) > 1 else "same_object_single"]
+    return sentence(template.format(**names, better=better, gap=gap, values=values))
+
+
+def referred(candidate: Candidate, words: Mapping[str, Any]) -> str:
+    """A candidate by its letter alone: "my choice", "candidate (B)"; one without a letter by its object."""
+    if candidate.label == SELECTED:
+        return str(words["own_choice"])
+    return str(words["lettered"]).format(label=candidate.label) if candidate.label != candidate.object else the(candidate.object)
 
 
 def robustness(decision: Decision, words: Mapping[str, Any]) -> str:
