@@ -26,7 +26,8 @@ def _plain(key: str) -> Callable[[Question, Decision, Mapping[str, Any]], Answer
 
 
 def _unknown(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
-    return words["answers"]["unknown"].format(component=phrase(decision.shallow, words)), []
+    key = "unknown" if len(decision.components) > 1 else "unknown_single"
+    return words["answers"][key].format(component=phrase(decision.shallow, words)), []
 
 
 def _self(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:

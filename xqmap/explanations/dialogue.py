@@ -81,7 +81,8 @@ class Dialogue:
         if question.kind not in ("help", "unknown"):
             self._before = question
         said, computed = answers.answer(question, self.decision, self.words)
-        found = ungrounded(said, self.decision, text, computed)
+        # A property may be asked for by another name.
+        found = ungrounded(said, self.decision, f"{text} {question.component or ''}", computed)
         return self._keep(Exchange(text, said, "template", question.kind, found, failure))
 
     def _keep(self, exchange: Exchange) -> Exchange:

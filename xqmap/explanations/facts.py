@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from xqmap.explanations import contrast
 from xqmap.explanations.decision import SELECTED, Candidate, Decision, together
 from xqmap.explanations.questions import NUMBERS, Question
 from xqmap.explanations.sentences import listed, number, phrase, sentence, the
@@ -24,7 +25,8 @@ def missing(question: Question, decision: Decision, words: Mapping[str, Any]) ->
 def no_component(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
     """A property without a Q-Map of its own."""
     known = listed([phrase(name, words) for name in decision.components])
-    return words["answers"]["no_component"].format(component=phrase(question.component or "", words), known=known), []
+    key = "no_component" if len(decision.components) > 1 else "no_component_single"
+    return words["answers"][key].format(component=phrase(question.component or "", words), known=known), []
 
 
 def component_of(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
@@ -133,11 +135,19 @@ def of_number(question: Question, decision: Decision, words: Mapping[str, Any]) 
         ]
         if len(c.values) > 1 and _is(c.overall, asked):
             found.append(say["number_overall"].format(object=called(c, decision)))
-    for first, second in decision.pairs:
-        delta, names = decision.rdx(first, second), {"first": first, "second": second}
+    others = [o for o in decision.others if not is_listed(o, decision)]
+    pairs = [(decision[a], decision[b]) for a, b in decision.pairs] + [(decision.selected, other) for other in others]
+    for first, second in pairs:
+        names = {"first": first.label, "second": second.label if second in decision.candidates else called(second, decision)}
+        delta = contrast.rdx(first.values, second.values)
         found += [say["number_difference"].format(component=phrase(n, words), **names) for n in delta if _is(delta[n], asked)]
         if len(delta) > 1 and _is(sum(delta.values()), asked):
             found.append(say["number_difference"].format(component=say["overall"], **names))
+        if first.label == SELECTED:
+            turns = [phrase(n, words) for n, weight in contrast.flip_points(delta).items() if _is(weight, asked)]
+            found += [say["number_turn"].format(component=name, other=called(second, decision)) for name in turns]
+    if len(decision.components) > 1 and (robust := decision.robustness()) and _is(robust[0], asked):
+        found.append(say["number_distance"])
     if decision.error and _is(decision.error, asked):
         found.append(say["number_error"])
     if not found:

@@ -34,6 +34,7 @@ _PLAIN = frozenset(
         "better",
     )
 )
+_SUPERLATIVES = frozenset(("least", "most", "best", "worst", "highest", "lowest"))
 COLORS = frozenset(("red", "orange", "yellow", "green", "blue", "purple", "gray", "black", "white", "brown", "pink"))
 _VERBS = r"vs|versus|or|and|is|was|has|instead|rather|better|over"
 # What a thing is called that was chosen, and words after which something else is meant.
@@ -118,8 +119,9 @@ def missing(text: str, decision: Decision) -> str | None:
 def _phrases(text: str, nouns: set[str]) -> list[tuple[int, set[str]]]:
     """The words between a determiner and the noun it belongs to, or the sentence's end, and where: {red, block}, {red}, {bowl}."""
     found = []
+    # Looked at ahead, so that "of the" in "the values of the red block" begins another.
     for match in re.finditer(
-        r"\b(?:the|that|an?|another|other|any|no|not|than|over|about|versus|or|and|with)\s+((?:[a-z]+[\s?.!,]*){1,4})", text
+        r"\b(?:the|that|an?|another|other|any|no|not|than|over|about|versus|or|and|with)\s+(?=((?:[a-z]+[\s?.!,]*){1,4}))", text
     ):
         words: set[str] = set()
         for word in re.findall(r"[a-z]+", match.group(1)):
@@ -128,8 +130,9 @@ def _phrases(text: str, nouns: set[str]) -> list[tuple[int, set[str]]]:
                 break
         else:
             # Without a noun it is a description only where nothing else follows: "why not red?"
-            words = words if len(words) == 1 and match.end() >= len(text.rstrip()) else set()
-        if words - _PLAIN:
+            words = words if len(words) == 1 and match.end(1) >= len(text.rstrip()) else set()
+        # "The worst bowl" is asked for, not named.
+        if words - _PLAIN and not words & _SUPERLATIVES:
             found.append((match.start(), words - _PLAIN))
     return found
 

@@ -107,7 +107,7 @@ def overview(decision: Decision, dialogue: list[tuple[str, str]] | None = None) 
     with plt.rc_context(STYLE):
         panels, map_rows = _panels(decision)
         bars_width, bars_height = _bars_size(decision)
-        width = max(11.0, _panel_width(decision) * panels, bars_width)
+        width = max(11.0 if len(decision.components) > 1 else 8.0, _panel_width(decision) * panels, bars_width)
         said = decision.sentences()
         texts = [[said["shallow"], *said["contrastive"]], [line for q, a in dialogue or [] for line in (f"— {q}", a)]]
         # About 15 characters of the text's size fit an inch.

@@ -42,7 +42,7 @@ ASKS = {
     r"|\bversus\b|\bvs\b|\bdifferen|\b(better|worse|best) (than|of)\b|\bwrong with\b|\bagainst\b|\binstead of\b"
     r"|\b(which|who|what)\b.* is (better|worse)\b",
     "list": r"\b(what|which|who|list|show|name|how many)\b.*\b(candidates?|options?|alternatives?|choices|letters?|star)\b|what else",
-    "scene": r"^(?!.*\bbest\b).*(what (do|can|did) you see|what('s| is| are) (there|in|on)\b|\b(is|are) there\b|\bdo you see\b"
+    "scene": r"^any\b|^(?!.*\bbest\b).*(what (do|can|did) you see|what('s| is| are) (there|in|on)\b|\b(is|are) there\b|\bdo you see\b"
     r"|\bhow many\b.*\b(objects?|things?|blocks?|cubes?|bowls?|there|ones)\b"
     r"|\b(what|which|list|name|show)( me)?( all)?( the)? "
     r"(objects?|things?|blocks?|cubes?|bowls?|scene)\b)",
@@ -84,7 +84,7 @@ _NOT_RANKED = (
 # In "why not the …", words that mean whatever was next best.
 _ANYTHING = r"objects?|things?|others?|rest|ones?|one|then|now|any"
 # Words of a question like "the red one?", which goes on with the one before.
-_SHORT = 4
+_SHORT = 5
 # Kinds that "and B?" can repeat for somebody else.
 _REPEATED = ("who", "contrastive", "what_if", "component", "component_of", "sure", "robust", "values", "where", "meaning")
 
@@ -171,14 +171,15 @@ def _read(text: str, decision: Decision, words: Mapping[str, Any], before: Quest
         if len(others) == 2 and len(about) == 2 and not one_by_one:
             return Question("pair", others)
         return Question("contrastive", others or about or decision.others[:1])
+    refers = before is not None and re.search(r"\b(it|its|that|this one|there)\b", said)
+    meant = before.about if before is not None and before.about and refers else [decision.selected]
     if kind in ("component_of", "values", "where") and not about:
-        refers = before is not None and before.about and re.search(r"\b(it|its|that|this one|there)\b", said)
-        return Question(kind, before.about if before is not None and refers else [decision.selected], component)
+        return Question(kind, meant, component)
     if kind == "shallow" and others:
         return Question("contrastive", others)
     if kind == "unknown" and (about or component):
         again = _again(said, before, others, component) if before is not None and len(said.split()) <= _SHORT else None
-        alone = Question("component_of", [decision.selected], component) if component else Question("shallow")
+        alone = Question("component_of", meant, component) if component else Question("contrastive", [decision.selected])
         if again or others or component or len(said.split()) <= _SHORT:
             return again or (Question("contrastive", others) if others else alone)
     return Question(kind, about if kind in ("component_of", "values", "where", "who") else others, component)
