@@ -33,7 +33,7 @@ def mark(decision: Decision, axis: Axes, scale: float) -> None:
         axis.plot(column, row, "o", ms=11, mfc="none", mec="black", mew=1.1)
         # Towards the middle, so that no label leaves the map, unless something is marked there already.
         x, y = (-13 if column > columns / 2 else 13, -13 if row > rows / 2 else 13)
-        places = [(x, y), (x, -y), (-x, y), (-x, -y), (2.5 * x, 0), (0, 2.5 * y)]
+        places = [(x, y), (x, -y), (-x, y), (-x, -y), (2.5 * x, 0), (0, 2.5 * y), (2.5 * x, y), (x, 2.5 * y)]
         spots = [(column * scale + dx, row * scale + dy) for dx, dy in places]
         inside = [all(6 < at < scale * side - 6 for at, side in zip(spot, (columns, rows), strict=True)) for spot in spots]
         free = [min((math.dist(spot, other) for other in taken), default=math.inf) for spot in spots]
