@@ -39,6 +39,9 @@ def mark(decision: Decision, axis: Axes, scale: float) -> None:
         free = [min((math.dist(spot, other) for other in taken), default=math.inf) for spot in spots]
         best = max(range(len(places)), key=lambda i: (inside[i], min(free[i], _APART), -i))
         taken.append(spots[best])
+        # Lines by themselves, below all labels.
+        line = {"arrowstyle": "-", "lw": 0.9, "shrinkB": 5.5, "path_effects": [withStroke(linewidth=2.4, foreground="white")]}
+        axis.annotate("", (column, row), xytext=places[best], textcoords="offset points", zorder=4, arrowprops=line)
         axis.annotate(
             " ".join(labels),
             (column, row),
@@ -48,6 +51,5 @@ def mark(decision: Decision, axis: Axes, scale: float) -> None:
             va="center",
             fontsize=11 if "★" in labels else 9,
             zorder=5,
-            arrowprops={"arrowstyle": "-", "lw": 0.9, "shrinkB": 5.5, "path_effects": [withStroke(linewidth=2.4, foreground="white")]},
             bbox={"boxstyle": "round,pad=0.2", "fc": "white", "ec": "0.3", "lw": 0.6, "alpha": 0.9},
         )
