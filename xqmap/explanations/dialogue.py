@@ -184,4 +184,5 @@ def _marked(text: str) -> str:
 
 def printable(text: str) -> str:
     """Text without control characters, which could move a terminal's cursor or hide what is said; line breaks stay."""
-    return "".join(c if c.isprintable() or c == "\n" else " " for c in text)
+    # A whole escape sequence goes, or its rest would hide the word that follows from the grounding check.
+    return "".join(c if c.isprintable() or c == "\n" else " " for c in re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", text))

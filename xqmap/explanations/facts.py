@@ -128,7 +128,7 @@ def most(question: Question, decision: Decision, words: Mapping[str, Any]) -> An
 def of_number(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
     """Which of the decision's numbers one is."""
     asked, say = number(float(question.thing)), words["answers"]
-    found = []
+    found: list[str] = []
     for c in (*decision.candidates, *(o for o in decision.objects if not is_listed(o, decision))):
         found += [
             say["number_value"].format(component=phrase(n, words), object=called(c, decision)) for n in c.values if _is(c.values[n], asked)
