@@ -186,6 +186,13 @@ def test_candidates_on_the_chosen_object_are_told_apart_by_their_spots() -> None
     assert not any(exchange.ungrounded for exchange in talk.exchanges)
 
 
+def test_a_gap_of_few_typical_errors_is_called_narrow() -> None:
+    made = decision()
+    made.objects, made.candidates[2].values = [], {"flatness": 0.9, "color": 0.95}
+    said = Dialogue(made, wording_for("landing")).ask("How sure are you?").answer
+    assert "0.11 behind" in said and "not far below the gap to the red inclined block (B): a narrow choice" in said
+
+
 def test_questions_about_a_table_of_cubes_and_bowls() -> None:
     talk = dialogue("grasping")
     assert "shape speaks for it (+0.95), though color speaks against it (-0.19)" in talk.ask("Why not the purple bowl?").answer

@@ -11,6 +11,9 @@ from xqmap.explanations.facts import Answer, called, is_listed
 from xqmap.explanations.questions import Question
 from xqmap.explanations.sentences import counted, listed, number, phrase, sentence, signed, the
 
+# A choice by no more than so many typical errors of its values is narrow.
+_NARROW = 3
+
 
 def answer(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
     """Answers a question that was understood."""
@@ -100,6 +103,9 @@ def _sure(question: Question, decision: Decision, words: Mapping[str, Any]) -> A
         return f"{text} {words['answers']['sure_unknown']}", []
     open_ = [other for other, gap in zip(others, gaps, strict=True) if abs(gap) <= error]
     key = "sure_clear" if not open_ else "sure_open" if len(open_) == len(others) else "sure_mixed"
+    narrow = [other for other, gap in zip(others, gaps, strict=True) if abs(gap) <= _NARROW * error]
+    if narrow and not open_:
+        key, open_ = "sure_narrow", narrow
     against = listed([called(other, decision) for other in open_]) if open_ else ""
     return f"{text} {words['answers'][key].format(error=number(error), against=against)}", []
 
