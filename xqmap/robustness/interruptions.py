@@ -87,13 +87,15 @@ def training(cfg: DictConfig, directory: Path, sabotage: tuple[str, str] | None 
 
 
 def finish(cfg: DictConfig, directory: Path) -> tuple[str, float]:
-    """Trains to the end without harm; returns the weights' SHA-256 and the seconds it took.
+    """Trains to the end without harm; returns the weights' SHA-256 and the seconds from its first decisions to the end.
 
     Raises:
         RuntimeError: if the process failed.
     """
-    start = time.perf_counter()
     with training(cfg, directory) as process:
+        while process.is_alive() and not _rows(directory):
+            time.sleep(0.005)
+        start = time.perf_counter()
         process.join()
         if process.exitcode != 0:
             log = directory.with_suffix(".log").read_text().splitlines()[-1:]
