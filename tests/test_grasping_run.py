@@ -9,6 +9,7 @@ import pytest
 from hydra import compose, initialize_config_dir
 from torchrl.envs.utils import check_env_specs
 
+from tests.browser import everything_is_drawn, opened, table
 from tests.test_commands import call
 from xqmap import build, cli, schema
 
@@ -43,11 +44,18 @@ def test_the_table_counts_choices_and_the_oracle_makes_the_best(run: Path) -> No
 
 
 def test_an_episode_is_explained_decision_by_decision(run: Path) -> None:
-    done = call("explain", "run=run", "scene_seed=3", "steps=2", "out=why", cwd=run.parent)
+    done = call("explain", "run=run", "scene_seed=3", "steps=2", cwd=run.parent)
     assert done.returncode == 0, done.stderr
-    decisions = [json.loads((run.parent / "why" / f"step0{i}" / "decision.json").read_text()) for i in (1, 2)]
+    folder = run / "figures" / "scene3"
+    decisions = [json.loads((folder / f"step0{i}" / "decision.json").read_text()) for i in (1, 2)]
     assert all(decision["components"] == ["shape", "color"] for decision in decisions)
-    assert (run.parent / "why" / "explanation.html").exists()
+    assert (folder / "explanation.html").exists()
+    done = call("report", "runs=run", "out=report.html", cwd=run.parent)
+    assert done.returncode == 0, done.stderr
+    with opened(run.parent / "report.html") as page:
+        assert {row["method"]: row["best choices"] for row in table(page)}["oracle"] == "100.0 %"
+        everything_is_drawn(page, charts=8, pictures=2)
+        assert page.get_by_role("heading", name="Chosen and best: xqmap").count() == 1
 
 
 def test_a_film_shows_the_robot_at_work(run: Path) -> None:

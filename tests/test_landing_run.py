@@ -12,6 +12,7 @@ from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig
 from torchrl.envs.utils import check_env_specs, step_mdp
 
+from tests.browser import everything_is_drawn, opened, table
 from tests.test_commands import call
 from xqmap import build, cli, keys, schema
 
@@ -116,24 +117,45 @@ def test_exact_values_of_landing_are_what_landing_pays() -> None:
         env.close()
 
 
-def test_explain_writes_every_view(run: Path) -> None:
-    done = call("explain", "run=run", "scene_seed=3", "out=why", cwd=run.parent)
+@pytest.fixture(scope="module")
+def told(run: Path) -> Path:
+    """A decision of the run, explained and asked about, where these commands leave it."""
+    done = call("explain", "run=run", "scene_seed=3", cwd=run.parent)
     assert done.returncode == 0, done.stderr
-    names = {"decision.json", "qmaps.png", "values.png", "rdx.png", "overview.png", "explanation.txt", "explanation.html"}
-    assert names <= {path.name for path in (run.parent / "why").iterdir()}
-    decision = json.loads((run.parent / "why" / "decision.json").read_text())
+    done = call("chat", "run=run", "scene_seed=3", 'question="Why?"', cwd=run.parent)
+    assert done.returncode == 0, done.stderr
+    assert "I chose to land on" in done.stdout
+    return run / "figures" / "scene3"
+
+
+def test_explain_writes_every_view(told: Path) -> None:
+    names = {"decision.json", "qmaps.png", "values.png", "rdx.png", "overview.png", "explanation.txt", "explanation.html", "dialogue.json"}
+    assert names <= {path.name for path in told.iterdir()}
+    decision = json.loads((told / "decision.json").read_text())
     assert [c["label"] for c in decision["candidates"]] == ["Selected", "A", "B"]
     for candidate in decision["candidates"]:
         assert candidate["overall"] == pytest.approx(sum(candidate["values"].values()))
-    html = (run.parent / "why" / "explanation.html").read_text()
+    html = (told / "explanation.html").read_text()
     assert "http://" not in html.replace("http://www.w3.org", "")
     assert "https://" not in html
 
 
-def test_chat_answers_about_a_run(run: Path) -> None:
-    done = call("chat", "run=run", "scene_seed=3", 'question="Why?"', "out=talk", cwd=run.parent)
+def test_the_report_of_a_run_shows_what_it_did_and_what_it_said(run: Path, told: Path) -> None:
+    done = call("report", "runs=run", "out=report.html", cwd=run.parent)
     assert done.returncode == 0, done.stderr
-    assert "I chose to land on" in done.stdout
+    with opened(run.parent / "report.html") as page:
+        rows = {row["method"]: row for row in table(page)}
+        mean = json.loads((run / "evaluation.json").read_text())["success"]["mean"]
+        assert (rows["xqmap"]["best choices"], rows["xqmap"]["paper"]) == (f"{100 * mean:.1f} %", "90 ± 0.09 %")
+        assert rows["oracle"]["best choices"] == "100.0 %"
+        # Intervals, five groups of curves, shares of time, the decision's bars; Q-Maps over training and of the decision.
+        everything_is_drawn(page, charts=8, pictures=1 + len(list((run / "figures").glob("qmaps*.png"))))
+        for sentence in (told / "explanation.txt").read_text().splitlines():
+            assert page.get_by_text(sentence).count() == 1
+        assert page.get_by_text("Why?", exact=True).count() == 1
+        assert page.get_by_text("python -m xqmap.train +task=landing trainer=smoke").count() == 1
+        page.set_viewport_size({"width": 420, "height": 900})
+        assert page.evaluate("document.documentElement.scrollWidth") == 420
 
 
 def test_a_finished_run_is_not_overwritten(run: Path) -> None:

@@ -72,6 +72,21 @@ def test_swept_settings_split_rows_and_are_named(tmp_path: Path) -> None:
     assert [row.label for row in results.table(found)] == ["xqmap, qnet.width=8", "xqmap, qnet.width=16", "random pixel"]
 
 
+def test_a_setting_that_older_trainings_lack_was_not_swept(tmp_path: Path) -> None:
+    write_run(tmp_path, "old", 9, qnet={"width": 8})
+    write_run(tmp_path, "new", 9, seed=1, qnet={"width": 8, "depth": 2})
+    assert [row.label for row in results.table(results.collect(tmp_path)[0])] == ["xqmap", "random pixel"]
+
+
+def test_columns_that_no_row_fills_are_left_out(tmp_path: Path) -> None:
+    folder = write_run(tmp_path, "a", 9)
+    assert tables.lines(results.table(results.collect(tmp_path)[0]))[0][:3] == ["task", "method", "best choices"]
+    (folder / "evaluation-hard.json").write_text((folder / "evaluation.json").read_text())
+    head, *every = tables.lines(results.table(results.collect(tmp_path)[0], {"landing": {"xqmap": "90 %"}}))
+    assert (head[1], head[-1]) == ("sheet", "paper")
+    assert [line[1] for line in every] == ["", "", "hard", "hard"]
+
+
 def test_tasks_methods_and_sheets_stay_apart(tmp_path: Path) -> None:
     write_run(tmp_path, "a", 9)
     write_run(tmp_path, "b", 8, method="qlearning")
@@ -109,5 +124,5 @@ def test_every_form_holds_the_same_numbers(tmp_path: Path) -> None:
     assert float(entry["mean"]) == pytest.approx(0.9)
     assert float(entry["ci95_low"]) == pytest.approx(wilson(9, 10)[0])
     for form in (tables.text, tables.markdown):
-        assert "90.0%" in form(rows)
-        assert "59.6% – 98.2%" in form(rows)
+        assert "90.0 %" in form(rows)
+        assert "59.6 – 98.2 %" in form(rows)

@@ -26,7 +26,7 @@ from xqmap.errors import Stopped, UserError
 # Hydra's own short message would be followed by advice to set this; we print one line ourselves.
 os.environ.setdefault("HYDRA_FULL_ERROR", "1")
 # Settings of the commands that name a file or directory.
-PLACES = ("run", "runs", "decision", "out", "questions", "resume")
+PLACES = ("run", "runs", "decision", "out", "figures", "log", "questions", "resume")
 CONF = str(Path(conf.__path__[0]).resolve())
 
 

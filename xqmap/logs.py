@@ -24,6 +24,7 @@ from xqmap.errors import UserError
 from xqmap.evaluation import SAME_REWARD
 
 _logger = logging.getLogger(__name__)
+_QUIET: dict[str, Any] = {"x_disable_stats": True, "console": "off", "silent": True}
 
 
 class Log:
@@ -53,9 +54,7 @@ class Log:
             self._start_wandb(directory, cfg)
 
     def _start_wandb(self, directory: Path, cfg: DictConfig) -> None:
-        os.environ.setdefault("WANDB_ERROR_REPORTING", "false")
-        os.environ.setdefault("WANDB_DATA_DIR", str(directory / "wandb"))
-        import wandb
+        wandb = _wandb(directory)
         from torchrl.record.loggers.wandb import WandbLogger
 
         try:
@@ -67,7 +66,7 @@ class Log:
                 id=self.wandb_id,
                 log_env_packages=False,
                 config=OmegaConf.to_container(cfg, resolve=True),
-                settings=wandb.Settings(x_disable_stats=True, console="off", silent=True),
+                settings=wandb.Settings(**_QUIET),
             )
         except Exception as error:  # of its own, of pydantic, of the system
             _forget_wandb()
@@ -117,6 +116,46 @@ def _forget_wandb() -> None:
     for end in (lambda: wandb.run and wandb.run.finish(), wandb.teardown):
         with contextlib.suppress(Exception):
             end()
+
+
+def log_page(page: Path, directory: Path, source: str, settings: DictConfig) -> Path:
+    """Keeps an HTML page as a wandb run of its own under ``directory``; returns the run's folder, which ``wandb sync`` sends.
+
+    Args:
+        page: the file.
+        directory: an existing one.
+        source: what the page is about; ``report`` in the run's config, by which it is known from a training.
+        settings: ``mode`` and ``project``, as of a training's log.
+
+    Raises:
+        UserError: if wandb does not start.
+    """
+    wandb = _wandb(directory)
+    try:
+        run = wandb.init(
+            mode=settings.mode,
+            dir=str(directory),
+            project=settings.project,
+            name=page.stem,
+            config={"report": source},
+            settings=wandb.Settings(**_QUIET),
+        )
+    except Exception as error:  # of its own, of pydantic, of the system
+        _forget_wandb()
+        why = " ".join(str(error).split())[:200]
+        raise UserError(f"logger.mode={settings.mode}: wandb does not start ({why}); the page is in {page}") from None
+    run.log({"report": wandb.Html(str(page), inject=False)})
+    run.finish()
+    return Path(run.dir).parent
+
+
+def _wandb(directory: Path) -> Any:
+    """The module, told to keep to itself and to ``directory`` before it is imported."""
+    os.environ.setdefault("WANDB_ERROR_REPORTING", "false")
+    os.environ.setdefault("WANDB_DATA_DIR", str(directory / "wandb"))
+    import wandb
+
+    return wandb
 
 
 def _rows(path: Path, columns: list[str], after: int) -> list[dict[str, str]]:

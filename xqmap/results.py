@@ -164,26 +164,31 @@ def differing(settings: Iterable[dict[str, Any]]) -> list[str]:
 
 
 def swept(trainings: Sequence[Trained]) -> dict[str, list[str]]:
-    """By task: the settings that differ between trainings of one method and are neither its seed nor its machine."""
+    """By task: the settings that differ between trainings of one method and are neither its seed nor its machine.
+
+    A setting that one of them does not have was not swept: it is newer than that training.
+    """
     names: dict[str, dict[str, None]] = {}
     for group in grouped(trainings, lambda t: (t.task, t.method)).values():
-        kept = [name for name in differing(t.settings for t in group) if name.split(".")[0] not in NOT_SWEPT]
+        known = [t.settings for t in group if t.settings]
+        kept = [n for n in differing(known) if n.split(".")[0] not in NOT_SWEPT and all(n in settings for settings in known)]
         names.setdefault(group[0].task, {}).update(dict.fromkeys(kept))
     return {task: list(found) for task, found in names.items()}
 
 
-def table(results: Sequence[Result], paper: Any = None) -> list[Row]:
+def table(results: Sequence[Result], paper: Any = None, names: dict[str, list[str]] | None = None) -> list[Row]:
     """One row per task × sheet × method × swept settings, each task's baselines below its methods.
 
     Args:
         results: from :func:`collect`.
         paper: the paper's figures, ``{task: {name: text}}``.
+        names: the swept settings by task, where more is known of them than these results tell; None finds them (:func:`swept`).
     """
-    names, paper = swept(results), paper or {}
+    names, paper = names or swept(results), paper or {}
     rows: list[Row] = []
     for (task, sheet), members in sorted(grouped(results, lambda r: (r.task, r.sheet)).items()):
         known = paper.get(task, {}) if not sheet else {}
-        order = list(dict.fromkeys([*known, *(result.method for result in members)]))
+        order = list(dict.fromkeys([*paper.get(task, {}), *(result.method for result in members)]))
         members.sort(key=lambda r: (order.index(r.method), *(_rank(r.settings.get(name)) for name in names[r.task])))
         groups = grouped(members, lambda r: (r.method, *(repr(r.settings.get(name)) for name in names[r.task])))
         rows += [_policy(group, _at(group[0], names[task]), str(known.get(group[0].method, ""))) for group in groups.values()]

@@ -59,6 +59,23 @@ def alone(directory: Path) -> Iterator[None]:
         os.close(held)
 
 
+def held(directory: Path) -> bool:
+    """Whether a process on this machine writes to a run directory (:func:`alone`)."""
+    try:
+        looked = os.open(directory, os.O_RDONLY)
+    except OSError:
+        return False
+    try:
+        fcntl.flock(looked, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False  # a file system without locks
+    finally:
+        os.close(looked)
+    return False
+
+
 def saved(directory: Path, cfg: DictConfig) -> tuple[dict[str, Tensor], dict[str, Any]] | None:
     """What this training goes on from in ``directory``; None where it has not got to its first checkpoint.
 

@@ -6,7 +6,6 @@ import csv
 import json
 import math
 import re
-import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -16,15 +15,14 @@ import numpy as np
 import pytest
 from omegaconf import OmegaConf
 
+from tests.browser import everything_is_drawn, opened, table
 from tests.conftest import toy_settings
 from tests.test_commands import call
 from tests.test_results import write_run
-from xqmap import build, checkpoint, commands, explain, results
+from xqmap import build, checkpoint, commands, explain, results, sweeping
 from xqmap.reports import curves, offline
 from xqmap.reports.runs import Run, gather
 from xqmap.trainer import Trainer
-
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 
 
 @pytest.fixture(scope="module")
@@ -75,45 +73,29 @@ def test_what_training_logs_comes_back_as_in_metrics_csv(sweep: Path) -> None:
 
 @pytest.mark.sim
 def test_a_sweep_becomes_a_page_that_a_browser_shows(sweep: Path, tmp_path: Path) -> None:
-    if CHROMIUM is None:
-        pytest.skip("no chromium on this machine: as root, apt-get install chromium")
-    sync_api = pytest.importorskip("playwright.sync_api")
-    done = call("report", f"runs={sweep}", "out=report.html", cwd=tmp_path)
+    done = call("report", f"runs={sweep}", "out=report.html", "figures=pictures", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "wrote report.html" in done.stdout
-    said: list[str] = []
-    asked: list[str] = []
-    with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        page = browser.new_page()
-        page.on("console", lambda message: said.append(message.text))
-        page.on("pageerror", lambda error: said.append(str(error)))
-        page.on("request", lambda request: asked.append(request.url))
-        page.goto((tmp_path / "report.html").as_uri())
+    with opened(tmp_path / "report.html") as page:
         assert page.title() == "xqmap: 12 trainings of 2 tasks"
-        table = page.locator("table").first
-        rows = {tuple(row.split("\t")[:2]): row.split("\t") for row in table.locator("tbody").inner_text().splitlines()}
+        rows = {(row["task"], row["method"]): row for row in table(page)}
         assert len(rows) == 2 * (2 + 4)
         for row in results.table(results.collect(sweep)[0]):
-            assert rows[row.task, row.name][2] == f"{row.mean:.1%}"
-        assert rows["red", "oracle"][2] == "100.0%"
-        table.get_by_role("button", name="best choices").click()
-        rates = [float(text.rstrip("%")) for text in table.locator("tbody tr td:nth-child(3)").all_inner_texts()]
+            assert rows[row.task, row.name]["best choices"] == f"{100 * row.mean:.1f} %"
+        assert rows["red", "oracle"]["best choices"] == "100.0 %"
+        page.get_by_role("button", name="best choices").first.click()
+        rates = [float(row["best choices ↑"].rstrip(" %")) for row in table(page)]
         assert rates == sorted(rates)
-        # Per task: 1 chart of intervals, 5 groups of curves, shares of time, a decision's bars; each with a name to be read out.
-        drawn = page.locator("figure svg")
-        assert drawn.count() == 2 * 8
-        assert all(chart.get_attribute("aria-label") and chart.bounding_box()["height"] > 50 for chart in drawn.all())
-        pictures = page.locator("img")
-        assert pictures.count() >= 2 * 3
-        assert page.evaluate("[...document.images].every((image) => image.naturalWidth > 100 && image.alt)")
+        # Per task: a chart of intervals, 5 groups of curves, shares of time, a decision's bars.
+        everything_is_drawn(page, charts=2 * 8, pictures=2 * 3)
         assert page.get_by_text("I chose the").count() >= 2
         assert page.get_by_role("cell", name="exact value").count() == 12
         assert page.get_by_role("heading", name="Chosen and best: xqmap").count() == 2
-        assert len(page.pdf()) > 10_000
-        browser.close()
-    assert said == []
-    assert [url for url in asked if not url.startswith(("file:", "data:"))] == []
+        page.emulate_media(color_scheme="dark")
+        assert page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(22, 25, 29)"
+    names = {path.name for path in (tmp_path / "pictures").iterdir()}
+    assert {f"red{part}.{kind}" for part in ("", "-choices", "-success", "-return", "-time") for kind in ("png", "svg")} <= names
+    assert "wrote 32 files to pictures" in done.stdout
 
 
 def test_nothing_among_the_runs_breaks_the_report(tmp_path: Path) -> None:
@@ -168,7 +150,7 @@ def test_the_table_alone_and_mistakes(tmp_path: Path) -> None:
     write_run(tmp_path / "runs", "a", 9)
     done = call("report", "runs=runs", "format=md", "out=table.md", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert "| landing | xqmap | 90.0% |" in (tmp_path / "table.md").read_text()
+    assert "| landing | xqmap | 90.0 % |" in (tmp_path / "table.md").read_text()
     assert call("report", "runs=runs", "format=csv", cwd=tmp_path).returncode == 0
     assert next(csv.DictReader((tmp_path / "report.csv").open()))["mean"] == "0.9"
     (tmp_path / "nothing").mkdir()
@@ -182,6 +164,34 @@ def test_the_table_alone_and_mistakes(tmp_path: Path) -> None:
         assert done.stderr.strip().splitlines()[-1].startswith("error: ")
         assert named in done.stderr
     assert not (tmp_path / "report.html").exists()
+
+
+def test_sheets_are_chosen(tmp_path: Path) -> None:
+    folder = write_run(tmp_path / "runs", "a", 9)
+    for name in ("hard", "odd"):
+        (folder / f"evaluation-{name}.json").write_text((folder / "evaluation.json").read_text())
+    for wanted, there in {"[]": set(), "hard": {"hard"}, "[hard,odd]": {"hard", "odd"}}.items():
+        assert call("report", "runs=runs", "format=csv", f"sheets={wanted}", cwd=tmp_path).returncode == 0
+        assert {row["sheet"] for row in csv.DictReader((tmp_path / "report.csv").open())} == {"", *there}
+    done = call("report", "runs=runs", "sheets=[easy]", cwd=tmp_path)
+    assert done.returncode != 0
+    assert "'easy'; these runs were evaluated on hard, odd" in done.stderr
+
+
+def test_a_run_that_is_being_written_is_not_broken(tmp_path: Path) -> None:
+    folder = tmp_path / "a"
+    (folder / ".hydra").mkdir(parents=True)
+    (folder / ".hydra" / "config.yaml").write_text("{task: {name: landing}, method: {name: xqmap}, trainer: {frames: 40}}")
+    (folder / "metrics.csv").write_text("frames,seconds\n4,1\n8,2\n12,1\n")
+    (folder / ".hydra" / "overrides.yaml").write_text("- +task=landing\n")
+    with sweeping.alone(folder):
+        (run,), _ = gather(tmp_path, [])
+    assert run.state == "running, at 12 of 40 decisions"
+    assert run.overrides == ["+task=landing"]
+    # Resumed after the second row, whose seconds count.
+    assert run.columns["seconds"].tolist() == [1, 2, 3]
+    (run,), _ = gather(tmp_path, [])
+    assert run.state == "stopped at 12 of 40 decisions"
 
 
 def test_curves_end_with_the_first_finished_training() -> None:
@@ -211,6 +221,21 @@ def test_a_resumed_run_is_one_curve(tmp_path: Path) -> None:
     assert joined["frames"].tolist() == [4, 8, 12, 16]
     assert joined["seconds"].tolist() == [1, 2, 3, 4]
     assert joined["a"][:2].tolist() == [1, 2] and np.isnan(joined["a"][2:]).all()
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+def test_the_page_is_kept_as_a_wandb_run_and_is_no_training(tmp_path: Path) -> None:
+    write_run(tmp_path / "runs", "a", 9)
+    done = call("report", "runs=runs", "log=runs/report", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    (kept,) = (tmp_path / "runs" / "report").glob("wandb/offline-run-*")
+    assert f"logged it to {kept.relative_to(tmp_path)}" in done.stdout.replace(f"{tmp_path}/", "")
+    (page,) = kept.glob("files/media/html/*.html")
+    assert page.read_bytes() == (tmp_path / "report.html").read_bytes()
+    runs, left_out = gather(tmp_path / "runs", results.collect(tmp_path / "runs")[0])
+    assert ([run.name for run in runs], left_out) == (["a"], {})
+    done = call("report", "runs=runs", "format=md", "log=x", cwd=tmp_path)
+    assert done.returncode != 0 and "format=html" in done.stderr
 
 
 def test_wandb_would_sync_a_run(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -10,13 +11,17 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
+from xqmap import results
 from xqmap.explanations.plots import PALETTE, STYLE
 from xqmap.reports.runs import Run
 from xqmap.results import Row
 
 # Places along a curve; more than a screen's width would show.
 POINTS = 200
+# Each is the mean over so many places about it: a row of metrics holds a few decisions and is mostly noise. ``success`` looks back itself.
+SMOOTHED = POINTS // 20 + 1
 # What the groups of metrics mean, in the order they are shown.
 METRICS = {
     "success": "Best choices among the last 100 decisions, exploration included",
@@ -43,13 +48,14 @@ class Curve:
     high: np.ndarray
 
 
-def curve(runs: Sequence[Run], metric: str, against: str) -> Curve | None:
+def curve(runs: Sequence[Run], metric: str, against: str, span: float = 0.0) -> Curve | None:
     """A metric over the trainings of one method; None where none of them has it.
 
     Args:
         runs: the trainings.
         metric: its column.
         against: ``frames`` or ``seconds``; the unit of ``x`` is that of ``AXES``.
+        span: the end of the axis it shares with other methods, so that all are smoothed alike; at least its own.
     """
     parts, ends = [], []
     for run in runs:
@@ -61,11 +67,18 @@ def curve(runs: Sequence[Run], metric: str, against: str) -> Curve | None:
         return None
     # Where the first finished training ends the curve does: a mean over fewer would jump. A broken one counts as far as it came.
     end = min(ends) if ends else max(x[-1] for x, _ in parts)
-    grid = np.linspace(min(max(x[0] for x, _ in parts), end), end, POINTS)
-    values = np.array([np.interp(grid, x, y, right=np.nan) for x, y in parts])
-    known = np.isfinite(values).any(0)
+    grid = np.linspace(min(max(x[0] for x, _ in parts), end), max(span, end), POINTS)
+    values = np.array([_smooth(np.interp(grid, x, y, right=np.nan), 1 if metric == "success" else SMOOTHED) for x, y in parts])
+    known = np.isfinite(values).any(0) & (grid <= end)
     values = values[:, known]
     return Curve(grid[known], np.nanmean(values, 0), np.nanmin(values, 0), np.nanmax(values, 0))
+
+
+def _smooth(values: np.ndarray, places: int) -> np.ndarray:
+    """Means over so many places, fewer at the ends; what is not known stays so and counts for nothing."""
+    known, window = np.isfinite(values), np.ones(places)
+    sums, counts = (np.convolve(row, window, "same") for row in (np.where(known, values, 0.0), known.astype(float)))
+    return np.where(known, sums / np.maximum(counts, 1), np.nan)
 
 
 def _thinned(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -105,12 +118,17 @@ def learning(groups: dict[str, list[Run]], metric: str, colors: dict[str, str]) 
     # One panel has its two axes side by side; several have them one below the other.
     shape = (1, 2) if len(names) == 1 else (2, len(names))
     with plt.rc_context(_SMALL):
-        figure, axes = plt.subplots(*shape, figsize=(WIDTH, 2.3 * shape[0]), layout="constrained", squeeze=False)
+        figure, axes = plt.subplots(*shape, figsize=(WIDTH, 0.3 + 2.2 * shape[0]), layout="constrained", squeeze=False)
+        lines = [Line2D([], [], color=colors[label], lw=2) for label in groups]
+        names_of_lines = [textwrap.shorten(label, 120, placeholder=" …") for label in groups]
+        side_by_side = max(1, 120 // (6 + max(map(len, names_of_lines))))
+        figure.legend(lines, names_of_lines, loc="outside upper left", ncols=side_by_side, frameon=False)
         for i, (against, (_, unit)) in enumerate(AXES.items()):
             for j, name in enumerate(names):
                 axis: Axes = axes.ravel()[i * len(names) + j]
+                span = max((line.x[-1] for runs in groups.values() if (line := curve(runs, name, against))), default=0.0)
                 for label, runs in groups.items():
-                    if line := curve(runs, name, against):
+                    if line := curve(runs, name, against, span):
                         axis.fill_between(line.x, line.low, line.high, color=colors[label], alpha=0.2, lw=0)
                         axis.plot(line.x, line.mean, color=colors[label], lw=1.6)
                 axis.set_title(name.partition("/")[2] if i == 0 else "")
@@ -122,25 +140,36 @@ def learning(groups: dict[str, list[Run]], metric: str, colors: dict[str, str]) 
         return figure
 
 
+def _beside(label: str) -> str:
+    """A label left of an axis: two lines at most."""
+    return textwrap.fill(textwrap.shorten(label, 76, placeholder=" …"), 40)
+
+
 def _percent(value: float, place: float) -> str:
-    return f"{value:.0%}"
+    return f"{100 * value:.0f} %"
 
 
 def intervals(rows: Sequence[Row], colors: dict[str, str]) -> Figure:
-    """The table's rates with their intervals, one below the other."""
+    """A task's rates with their intervals: methods and baselines one below the other, sheets side by side."""
+    labels = list(dict.fromkeys(row.label for row in rows))
+    sheets = results.grouped(rows, lambda row: row.sheet)
     with plt.rc_context(_SMALL):
-        figure, axis = plt.subplots(figsize=(WIDTH, 0.5 + 0.27 * len(rows)), layout="constrained")
-        for i, row in enumerate(rows):
-            color = colors.get(row.label, "0.45")
-            axis.plot(row.ci95, [i, i], color=color, lw=2, solid_capstyle="butt", alpha=0.55)
-            axis.plot(row.mean, i, "o", color=color, ms=6)
-        axis.set_yticks(range(len(rows)), [row.label for row in rows])
-        axis.invert_yaxis()
-        axis.set_xlim(-0.01, 1.01)
-        axis.xaxis.set_major_formatter(_percent)
-        axis.grid(axis="x", color="0.87", lw=0.6)
-        axis.tick_params(axis="y", length=0)
-        axis.spines["left"].set_visible(False)
+        size = (WIDTH, 0.7 + 0.27 * len(labels))
+        figure, axes = plt.subplots(1, len(sheets), figsize=size, layout="constrained", sharey=True, squeeze=False)
+        for axis, (sheet, members) in zip(axes[0], sheets.items(), strict=True):
+            for row in members:
+                color, at = colors.get(row.label, "0.45"), labels.index(row.label)
+                axis.plot(row.ci95, [at, at], color=color, lw=2, solid_capstyle="butt", alpha=0.55)
+                axis.plot(row.mean, at, "o", color=color, ms=5)
+            axis.set_title((sheet or "usual scenes") if len(sheets) > 1 else "")
+            axis.set_xlim(-0.03, 1.03)
+            # Narrow panels have no room for three signs.
+            axis.set_xticks([0, 0.5, 1], ["0", "50", "100 %"])
+            axis.grid(axis="x", color="0.87", lw=0.6)
+            axis.tick_params(axis="y", length=0)
+            axis.spines["left"].set_visible(False)
+        axes[0, 0].set_yticks(range(len(labels)), list(map(_beside, labels)))
+        axes[0, 0].set_ylim(len(labels) - 0.5, -0.5)
         return figure
 
 
@@ -156,12 +185,13 @@ def shares(groups: dict[str, list[Run]]) -> Figure | None:
         left = np.zeros(len(means))
         for i, name in enumerate(names):
             width = np.array([values[i] for values in means.values()])
-            axis.barh(list(means), width, left=left, color=PALETTE[i % len(PALETTE)], label=name.partition("/")[2], height=0.7)
+            axis.barh(range(len(means)), width, left=left, color=PALETTE[i % len(PALETTE)], label=name.partition("/")[2], height=0.7)
             for row, (w, at) in enumerate(zip(width, left, strict=True)):
                 if w >= 0.05:
-                    axis.text(at + w / 2, row, f"{w:.0%}", ha="center", va="center", fontsize=8, color="white")
+                    axis.text(at + w / 2, row, f"{100 * w:.0f} %", ha="center", va="center", fontsize=8, color="white")
             left += width
         axis.invert_yaxis()
+        axis.set_yticks(range(len(means)), list(map(_beside, means)))
         axis.set_xlim(0, 1)
         axis.set_xticks([])
         axis.tick_params(axis="y", length=0)

@@ -19,29 +19,36 @@ def runs(every: Sequence[Run]) -> str:
     head = ("run", "task", "method", "state", "started", "machine", "seed", "decisions", "updates", "minutes", "best choices")
     lines = []
     for run in every:
-        rate = f"{results.table([run.result])[0].mean:.1%}" if run.result else ""
+        rate = f"{100 * results.table([run.result])[0].mean:.1f} %" if run.result else ""
         began = str(run.environment.get("started_at", ""))[:16].replace("T", " ")
         numbers = [f"{run.decisions:,}", f"{int(run.last('updates')):,}", f"{run.minutes:.1f}", rate]
-        state = run.state + (f" ({run.trouble})" if run.trouble else "")
-        lines.append([run.name, run.task, run.method, state, began, str(run.environment.get("host", "")), str(run.seed), *numbers])
-    return markup.table(head, lines, "Every training, finished or not.", text_columns=6)
+        lines.append([run.name, run.task, run.method, run.state, began, str(run.environment.get("host", "")), str(run.seed), *numbers])
+    # A file that is being written has no end yet: no trouble.
+    troubled = [f"<li>{escape(run.name)}: {escape(run.trouble)}</li>" for run in every if run.trouble and not run.running]
+    notes = f"<p class=soft>What wandb's reader says against their files:</p><ul class=soft>{''.join(troubled)}</ul>" if troubled else ""
+    return markup.table(head, lines, "Every training, finished or not.", text_columns=6) + notes
 
 
 def components(rows: Sequence[Row]) -> str:
     """How well each property was met."""
     names = list(dict.fromkeys(name for row in rows for name in row.components))
     lines = [[row.label, *(f"{row.components[name]:.3f}" for name in names)] for row in rows if row.components and not row.sheet]
-    return markup.table(("method", *names), lines, f"{rows[0].task}: mean sub-reward of the choices, by component.") if lines else ""
+    return markup.table(("method", *names), lines, "Mean sub-reward of the choices, by component.") if lines else ""
 
 
 def settings(every: Sequence[Run]) -> str:
-    """What differs between a task's trainings besides the seed."""
+    """What differs between a task's trainings besides the seed: one line per setting and value."""
     names = [name for name in results.differing(run.settings for run in every) if name != "seed"]
     if not names:
         return "<h3>Settings that differ</h3><p>None but the seed.</p>"
-    lines = [[run.name, *(shown(run.settings[name]) if name in run.settings else "" for name in names)] for run in every]
-    table = markup.table(("run", *names), lines, "Settings that are not the same in all trainings of this task, besides the seed.")
-    return f"<h3>Settings that differ</h3>{table}"
+    lines = []
+    for name in names:
+        having: dict[str, list[str]] = {}
+        for run in every:
+            having.setdefault(shown(run.settings[name]) if name in run.settings else "–", []).append(run.name)
+        lines += [[name, value, ", ".join(runs), str(len(runs))] for value, runs in having.items()]
+    caption = "Settings that are not the same in all trainings of this task, besides the seed."
+    return f"<h3>Settings that differ</h3>{markup.table(('setting', 'value', 'runs', 'trainings'), lines, caption, text_columns=3)}"
 
 
 def machines(every: Sequence[Run]) -> str:
@@ -50,9 +57,9 @@ def machines(every: Sequence[Run]) -> str:
     places = results.grouped(every, lambda run: tuple(str(run.environment.get(name, "unknown")) for name in facts.values()))
     lines = [[*place, str(len(members))] for place, members in places.items()]
     parts = [markup.table((*facts, "trainings"), lines, "Machines", text_columns=3)]
-    commands = results.grouped((run for run in every if "program" in run.environment), _command)
+    commands = results.grouped((run for run in every if run.overrides or "program" in run.environment), _command)
     lines = [[command, str(len(members))] for command, members in commands.items()]
-    parts += [markup.table(("command", "trainings"), lines, "What was called")] if lines else []
+    parts += [markup.table(("command", "trainings"), lines, "What trains them again")] if lines else []
     versions: dict[tuple[str, str], int] = {}
     for run in every:
         known = run.result.content.get("versions") if run.result else None
@@ -70,6 +77,9 @@ def machines(every: Sequence[Run]) -> str:
 
 
 def _command(run: Run) -> str:
+    """What trains this again: of a sweep its one job, whichever launcher ran it."""
+    if run.overrides:
+        return shlex.join(["python", "-m", "xqmap.train", *run.overrides])
     given = run.environment.get("args") or []
     return shlex.join(["python", *str(run.environment["program"]).split(), *map(str, given if isinstance(given, list) else [])])
 

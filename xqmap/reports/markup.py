@@ -30,8 +30,9 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], caption: str, text
     def cell(value: str, i: int) -> str:
         number = _NUMBER.match(value) if i >= text_columns else None
         key = f' data-key="{number[0].replace(",", "")}"' if number else ""
-        kind = "" if i >= text_columns else ' class="text"'
-        return f"<td{kind}{key}>{escape(value)}</td>"
+        # Short words stay on one line; a run's name may break before its parts.
+        kind = "" if i >= text_columns else ' class="text long"' if len(value) > 28 else ' class="text"'
+        return f"<td{kind}{key}>{escape(value).replace('+', '<wbr>+')}</td>"
 
     titles = "".join(
         f'<th scope="col"{"" if i >= text_columns else " class=text"}><button type="button">{escape(title)}</button></th>'
@@ -84,12 +85,6 @@ def picture(path: Path, caption: str, width: int, alt: str = "") -> str:
     data = base64.b64encode(buffer.getvalue()).decode()
     source = f'width="{image.width}" height="{image.height}" src="data:image/webp;base64,{data}"'
     return f'<figure><img alt="{escape(alt or caption, quote=True)}" {source}><figcaption>{escape(caption)}</figcaption></figure>'
-
-
-def legend(colors: dict[str, str]) -> str:
-    """Which color is whose."""
-    entries = (f'<li><span style="background:{color}"></span>{escape(label)}</li>' for label, color in colors.items())
-    return f'<ul class="legend">{"".join(entries)}</ul>'
 
 
 def _themed(level: int) -> str:

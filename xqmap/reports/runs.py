@@ -11,9 +11,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from omegaconf import OmegaConf
+from omegaconf.errors import OmegaConfBaseException
 from tqdm import tqdm
+from yaml import YAMLError
 
-from xqmap import results
+from xqmap import results, sweeping
 from xqmap.reports import offline
 from xqmap.reports.offline import Logged
 from xqmap.results import Result
@@ -31,7 +34,9 @@ class Run:
         pictures: Q-Map picture files by decisions made.
         environment: host, os, python and the like.
         result: its ``evaluation.json``, if it got so far.
+        overrides: what its command line said, ``key=value`` each; empty where it was not kept.
         ended: False where wandb's file stops without saying that the run did.
+        running: whether a process on this machine still writes to it.
         trouble: what could not be read.
     """
 
@@ -42,7 +47,9 @@ class Run:
     pictures: dict[int, Path] = field(default_factory=dict)
     environment: dict[str, Any] = field(default_factory=dict)
     result: Result | None = None
+    overrides: list[str] = field(default_factory=list)
     ended: bool = True
+    running: bool = False
     trouble: str = ""
 
     @property
@@ -83,6 +90,8 @@ class Run:
         if self.result and not short:
             return "finished"
         progress = f"at {self.decisions:,} of {wanted:,} decisions" if isinstance(wanted, int) else f"at {self.decisions:,} decisions"
+        if self.running:
+            return f"running, {progress}"
         if not self.ended:
             return f"broke off {progress}"
         return f"stopped {progress}" if short else "not evaluated"
@@ -121,7 +130,7 @@ def gather(root: Path, found: Sequence[Result]) -> tuple[list[Run], dict[Path, s
         run = _run(root, directory, [logs[path] for path in files.get(directory, [])], evaluated.get(directory))
         if run.result or {"task.name", "method.name"} <= set(run.settings):
             runs.append(run)
-        else:
+        elif "report" not in run.settings:  # an earlier report, logged among the runs
             foreign[directory] = run.trouble or "no run of xqmap: its settings name no task and method"
     return runs, foreign
 
@@ -146,11 +155,24 @@ def _run(root: Path, directory: Path, logs: list[Logged], result: Result | None)
     # wandb has the values that the stored settings only point to.
     run.settings = {name: run.settings.get(name, value) if "${" in str(value) else value for name, value in stored.items()} or run.settings
     run.trouble = "; ".join(f"{logged.path.name}: {logged.trouble}" for logged in logs if logged.trouble)
-    if "frames" not in run.columns:
-        run.columns = _metrics(directory / "metrics.csv")
+    # wandb writes in larger pieces than we do: a file that breaks off, or cannot be read to its end, lacks the last rows.
+    beside = _metrics(directory / "metrics.csv")
+    if len(beside.get("frames", ())) > len(run.columns.get("frames", ())):
+        run.columns = beside
     if not run.pictures:
         run.pictures = {int(p.stem[5:]): p for p in sorted(directory.glob("figures/qmaps*.png")) if p.stem[5:].isdigit()}
+    run.overrides = _overrides(directory / ".hydra" / "overrides.yaml")
+    run.running = not run.finished and sweeping.held(directory)
     return run
+
+
+def _overrides(path: Path) -> list[str]:
+    """What Hydra stored of the command line; nothing where it did not."""
+    try:
+        stored = OmegaConf.to_container(OmegaConf.load(path))
+    except (OSError, ValueError, YAMLError, OmegaConfBaseException):
+        return []
+    return [str(entry) for entry in stored] if isinstance(stored, list) else []
 
 
 def _joined(before: dict[str, np.ndarray], after: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -175,4 +197,8 @@ def _metrics(path: Path) -> dict[str, np.ndarray]:
         columns = {name: np.array([float(row[name] or "nan") for row in rows]) for name in (rows[0] if rows else {})}
     except (OSError, ValueError, TypeError, KeyError, csv.Error):
         return {}
+    if "seconds" in columns:
+        # They begin anew where a run was resumed.
+        seconds = columns["seconds"]
+        columns["seconds"] = seconds + np.cumsum([0.0, *np.where(seconds[1:] < seconds[:-1], seconds[:-1], 0.0)])
     return columns if "frames" in columns else {}

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 
 from xqmap.errors import UserError
 from xqmap.explanations import Decision, plots
-from xqmap.explanations.dialogue import excerpt
+from xqmap.explanations.dialogue import excerpt, saved_conversation
 from xqmap.explanations.sentences import number, signed
 from xqmap.reports import markup
 from xqmap.reports.runs import Run
@@ -28,18 +27,23 @@ def film_strip(groups: dict[str, list[Run]]) -> list[str]:
             continue
         steps = sorted(run.pictures)
         chosen = sorted({steps[round(i * (len(steps) - 1) / max(1, FRAMES - 1))] for i in range(FRAMES)})
-        frames = [
-            markup.picture(
-                run.pictures[step], f"After {step:,} decisions: the scene, the Q-Maps of {run.method} over it, and their sum", WIDTH
-            )
-            for step in chosen
-        ]
+        maps = run.settings.get("method.components")
+        shown = f": the scene, and over it the Q-Maps of {', '.join(map(str, maps)) if isinstance(maps, list) else label}"
+        frames = [markup.picture(run.pictures[step], said := f"After {step:,} decisions", WIDTH, said + shown) for step in chosen]
         strips[run.method] = f'<h4>{escape(label)}, {escape(run.name)}</h4><div class="film">{"".join(frames)}</div>'
     return ["<h3>Q-Maps over training</h3>", *strips.values()] if strips else []
 
 
 def decision(runs: Sequence[Run]) -> list[str]:
-    """One explained decision of a task: of a method with most components, talked about if any was, with much to contrast."""
+    """One explained decision of a task, or how to get one."""
+    if told := best_told(runs):
+        return _explained(*told)
+    command = "python -m xqmap.explain run=DIR scene_seed=7"
+    return [f"<h3>A decision explained</h3><p>None of these runs holds one yet: <code>{command}</code> adds it.</p>"]
+
+
+def best_told(runs: Sequence[Run]) -> tuple[Decision, Path, Run] | None:
+    """A decision that was explained, its folder and run: of most components, talked about if any was, with much to contrast."""
     found: list[tuple[tuple[int, bool, int], Decision, Path, Run]] = []
     for run in runs:
         for path in sorted(run.directory.glob("figures/**/decision.json")):
@@ -49,11 +53,7 @@ def decision(runs: Sequence[Run]) -> list[str]:
                 continue
             talked, things = (path.parent / "dialogue.json").exists(), {candidate.object for candidate in read.candidates}
             found.append(((-len(read.components), not talked, -len(things)), read, path.parent, run))
-    if not found:
-        command = "python -m xqmap.explain run=DIR scene_seed=7"
-        return [f"<h3>A decision explained</h3><p>None of these runs holds one yet: <code>{command}</code> adds it.</p>"]
-    _, chosen, folder, run = min(found, key=lambda entry: entry[0])
-    return _explained(chosen, folder, run)
+    return min(found, key=lambda entry: entry[0])[1:] if found else None
 
 
 def _explained(chosen: Decision, folder: Path, run: Run) -> list[str]:
@@ -72,16 +72,12 @@ def _explained(chosen: Decision, folder: Path, run: Run) -> list[str]:
     lines = [[f"{a} – {b}", *(signed(d[n]) for n in chosen.components), signed(sum(d.values()))] for (a, b), d in deltas.items()]
     parts.append(markup.table(("pair", *chosen.components, "gap"), lines, "Differences; above zero speaks for the first of the pair"))
     parts += [f"<p>{escape(sentence)}</p>" for sentence in (*said["contrastive"], said["robustness"])]
-    if dialogue := _dialogue(folder / "dialogue.json") or excerpt(chosen):
+    if dialogue := asked(chosen, folder):
         parts.append("<h4>Asked</h4>")
         parts += [f"<p><strong>{escape(q)}</strong></p><blockquote>{escape(a)}</blockquote>" for q, a in dialogue]
     return parts
 
 
-def _dialogue(path: Path) -> list[tuple[str, str]]:
-    """The questions and answers of a saved conversation; none where there is no such file or it is damaged."""
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-        return [(str(entry["question"]), str(entry["answer"])) for entry in content["exchanges"]]
-    except (OSError, ValueError, KeyError, TypeError):
-        return []
+def asked(chosen: Decision, folder: Path) -> list[tuple[str, str]]:
+    """What was asked about a decision and answered (``dialogue.json``), or an excerpt of what can be."""
+    return saved_conversation(folder / "dialogue.json", chosen) or excerpt(chosen)

@@ -8,30 +8,43 @@ from collections.abc import Sequence
 
 from xqmap.results import Row, shown
 
-COLUMNS = ("task", "method", "best choices", "± over runs", "95 % interval", "choices", "trainings", "regret", "paper")
+COLUMNS = ("task", "sheet", "method", "best choices", "± over runs", "95 % interval", "choices", "trainings", "regret", "paper")
 
 
 def cells(row: Row) -> list[str]:
     """A row as people read it, one text per entry of :data:`COLUMNS`."""
     low, high = row.ci95
     trainings = str(len(row.training_seeds)) if row.training_seeds else ""
-    task = f"{row.task} ({row.sheet})" if row.sheet else row.task
-    rate = [f"{row.mean:.1%}", f"{row.std:.1%}", f"{low:.1%} – {high:.1%}"]
-    return [task, row.label, *rate, str(row.choices), trainings, f"{row.regret:.3f}", row.paper]
+    rate = [f"{100 * row.mean:.1f} %", f"{100 * row.std:.1f} %", f"{100 * low:.1f} – {100 * high:.1f} %"]
+    return [row.task, row.sheet, row.label, *rate, str(row.choices), trainings, f"{row.regret:.3f}", row.paper]
+
+
+def lines(rows: Sequence[Row]) -> list[list[str]]:
+    """The head and every row, without the columns that no row fills."""
+    every = [cells(row) for row in rows]
+    kept = [i for i in range(len(COLUMNS)) if any(line[i] for line in every)]
+    return [[line[i] for i in kept] for line in (list(COLUMNS), *every)]
+
+
+def words(head: Sequence[str]) -> int:
+    """How many columns on the left hold words, not numbers."""
+    return list(head).index("method") + 1
 
 
 def text(rows: Sequence[Row]) -> str:
     """The table for a terminal."""
-    lines = [list(COLUMNS), *map(cells, rows)]
-    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    aligned = [[c.ljust(w) if i < 2 else c.rjust(w) for i, (c, w) in enumerate(zip(line, widths, strict=True))] for line in lines]
+    head, *every = lines(rows)
+    widths, left = [max(map(len, column)) for column in zip(head, *every, strict=True)], words(head)
+    aligned = [[line[i].ljust(w) if i < left else line[i].rjust(w) for i, w in enumerate(widths)] for line in (head, *every)]
     return "\n".join("  ".join(line).rstrip() for line in aligned)
 
 
 def markdown(rows: Sequence[Row]) -> str:
     """The table for a README or a paper's draft."""
-    lines = [list(COLUMNS), ["---", "---", *["---:"] * (len(COLUMNS) - 2)], *([c.replace("|", "\\|") for c in cells(row)] for row in rows)]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
+    head, *every = lines(rows)
+    rule = ["---" if i < words(head) else "---:" for i in range(len(head))]
+    escaped = [[cell.replace("|", "\\|") for cell in line] for line in every]
+    return "\n".join(f"| {' | '.join(line)} |" for line in (head, rule, *escaped)) + "\n"
 
 
 def comma_separated(rows: Sequence[Row]) -> str:
