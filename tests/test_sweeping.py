@@ -12,7 +12,7 @@ import pytest
 from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig, OmegaConf
 
-from xqmap import build, cli, doctor, schema, sheets, sweeping, train
+from xqmap import build, cli, doctor, schema, sheets, train
 from xqmap.errors import UserError
 
 pytestmark = [pytest.mark.usefixtures("trust_toy"), pytest.mark.filterwarnings("ignore::FutureWarning")]
@@ -110,13 +110,6 @@ def test_one_job_that_fails_does_not_keep_the_others(sweep: Callable[..., Path])
     with pytest.raises(SystemExit, match=r"trainer\.batch_size"):
         sweep("trainer.batch_size=0,8")
     assert len(jobs(Path("all"))) == 1
-
-
-def test_a_directory_in_use_is_left_alone(tmp_path: Path) -> None:
-    with sweeping.alone(tmp_path), pytest.raises(UserError, match="another process"), sweeping.alone(tmp_path):
-        pass
-    with sweeping.alone(tmp_path):
-        pass
 
 
 def composed(*overrides: str) -> DictConfig:

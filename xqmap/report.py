@@ -12,7 +12,6 @@ from xqmap import cli, results
 from xqmap.checkpoint import write_atomically
 from xqmap.errors import UserError
 from xqmap.explanations import plots
-from xqmap.logs import log_page
 from xqmap.reports import stories, tables
 from xqmap.reports.page import Report, page
 from xqmap.reports.runs import gather
@@ -55,6 +54,8 @@ def report(cfg: DictConfig) -> None:
         print(f"left out: {path} ({reason})")
     print(f"wrote {out} ({len(written) / 1e6:.1f} MB)")
     if cfg.log is not None:
+        from xqmap.logs import log_page  # imports ManiSkill, which a report does not need
+
         Path(cfg.log).mkdir(parents=True, exist_ok=True)
         print(f"logged it to {log_page(out, Path(cfg.log), str(root), cfg.logger)}")
     if whole and cfg.figures is not None:

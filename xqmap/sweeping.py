@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import fcntl
 import json
-import os
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -37,43 +33,6 @@ class Table(Callback):
         for path, why in unread.items():
             print(f"not in the table: {path} ({why})")
         print(f"wrote {', '.join(written)} to {directory}")
-
-
-@contextmanager
-def alone(directory: Path) -> Iterator[None]:
-    """Holds a run directory, so that no second process writes to it.
-
-    Raises:
-        UserError: if another process holds it.
-    """
-    held = os.open(directory, os.O_RDONLY)
-    try:
-        try:
-            fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise UserError(f"{directory} is being written by another process: wait for it, or choose another directory") from None
-        except OSError:
-            pass  # a file system without locks
-        yield
-    finally:
-        os.close(held)
-
-
-def held(directory: Path) -> bool:
-    """Whether a process on this machine writes to a run directory (:func:`alone`)."""
-    try:
-        looked = os.open(directory, os.O_RDONLY)
-    except OSError:
-        return False
-    try:
-        fcntl.flock(looked, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
-    except OSError:
-        return False  # a file system without locks
-    finally:
-        os.close(looked)
-    return False
 
 
 def saved(directory: Path, cfg: DictConfig) -> tuple[dict[str, Tensor], dict[str, Any]] | None:

@@ -14,7 +14,7 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from torch import Tensor
 
-from xqmap import checkpoint, cli, commands, doctor, schema, sheets, sweeping
+from xqmap import checkpoint, cli, commands, doctor, locks, schema, sheets, sweeping
 from xqmap.errors import Stopped, UserError
 
 Saved = tuple[dict[str, Tensor], dict[str, Any]]
@@ -42,7 +42,7 @@ def train(cfg: DictConfig) -> float:
     doctor.require_rendering()
     if cfg.threads:
         torch.set_num_threads(cfg.threads)
-    with sweeping.alone(directory):
+    with locks.alone(directory):
         if sweep:
             print(f"job {HydraConfig.get().job.num}: {directory}")
             saved = sweeping.saved(directory, cfg)

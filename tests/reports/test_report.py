@@ -19,7 +19,8 @@ from tests.browser import everything_is_drawn, opened, table
 from tests.conftest import toy_settings
 from tests.test_commands import call
 from tests.test_results import write_run
-from xqmap import build, checkpoint, commands, explain, results, sweeping
+from xqmap import build, checkpoint, commands, explain, locks, results
+from xqmap.explanations import Candidate, Decision
 from xqmap.reports import curves, offline
 from xqmap.reports.runs import Run, gather
 from xqmap.trainer import Trainer
@@ -73,7 +74,7 @@ def test_what_training_logs_comes_back_as_in_metrics_csv(sweep: Path) -> None:
 
 @pytest.mark.sim
 def test_a_sweep_becomes_a_page_that_a_browser_shows(sweep: Path, tmp_path: Path) -> None:
-    done = call("report", f"runs={sweep}", "out=report.html", "figures=pictures", cwd=tmp_path)
+    done = call("report", f"runs={sweep}", "out=report.html", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "wrote report.html" in done.stdout
     with opened(tmp_path / "report.html") as page:
@@ -93,9 +94,6 @@ def test_a_sweep_becomes_a_page_that_a_browser_shows(sweep: Path, tmp_path: Path
         assert page.get_by_role("heading", name="Chosen and best: xqmap").count() == 2
         page.emulate_media(color_scheme="dark")
         assert page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(22, 25, 29)"
-    names = {path.name for path in (tmp_path / "pictures").iterdir()}
-    assert {f"red{part}.{kind}" for part in ("", "-choices", "-success", "-return", "-time") for kind in ("png", "svg")} <= names
-    assert "wrote 32 files to pictures" in done.stdout
 
 
 def test_nothing_among_the_runs_breaks_the_report(tmp_path: Path) -> None:
@@ -146,11 +144,14 @@ run.log({"accuracy": 1}); run.finish()
         assert f"left out: {root / name}" in done.stdout
 
 
-def test_the_table_alone_and_mistakes(tmp_path: Path) -> None:
-    write_run(tmp_path / "runs", "a", 9)
-    done = call("report", "runs=runs", "format=md", "out=table.md", cwd=tmp_path)
+def test_the_table_alone_with_its_pictures_and_mistakes(tmp_path: Path) -> None:
+    folder = write_run(tmp_path / "runs", "a", 9)
+    values = [Candidate("Selected", "red block", {"color": 1.0}), Candidate("A", "gray block", {"color": 0.0})]
+    Decision("landing", ("color",), values).save(folder / "figures" / "scene7" / "decision.json")
+    done = call("report", "runs=runs", "format=md", "out=table.md", "figures=docs", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "| landing | xqmap | 90.0 % |" in (tmp_path / "table.md").read_text()
+    assert {path.name for path in (tmp_path / "docs").iterdir()} == {f"landing{n}.{k}" for n in ("", "-choices") for k in ("png", "svg")}
     assert call("report", "runs=runs", "format=csv", cwd=tmp_path).returncode == 0
     assert next(csv.DictReader((tmp_path / "report.csv").open()))["mean"] == "0.9"
     (tmp_path / "nothing").mkdir()
@@ -184,7 +185,7 @@ def test_a_run_that_is_being_written_is_not_broken(tmp_path: Path) -> None:
     (folder / ".hydra" / "config.yaml").write_text("{task: {name: landing}, method: {name: xqmap}, trainer: {frames: 40}}")
     (folder / "metrics.csv").write_text("frames,seconds\n4,1\n8,2\n12,1\n")
     (folder / ".hydra" / "overrides.yaml").write_text("- +task=landing\n")
-    with sweeping.alone(folder):
+    with locks.alone(folder):
         (run,), _ = gather(tmp_path, [])
     assert run.state == "running, at 12 of 40 decisions"
     assert run.overrides == ["+task=landing"]

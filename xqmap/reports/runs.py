@@ -16,7 +16,7 @@ from omegaconf.errors import OmegaConfBaseException
 from tqdm import tqdm
 from yaml import YAMLError
 
-from xqmap import results, sweeping
+from xqmap import locks, results
 from xqmap.reports import offline
 from xqmap.reports.offline import Logged
 from xqmap.results import Result
@@ -162,7 +162,7 @@ def _run(root: Path, directory: Path, logs: list[Logged], result: Result | None)
     if not run.pictures:
         run.pictures = {int(p.stem[5:]): p for p in sorted(directory.glob("figures/qmaps*.png")) if p.stem[5:].isdigit()}
     run.overrides = _overrides(directory / ".hydra" / "overrides.yaml")
-    run.running = not run.finished and sweeping.held(directory)
+    run.running = not run.finished and locks.held(directory)
     return run
 
 
