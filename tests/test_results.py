@@ -72,6 +72,12 @@ def test_swept_settings_split_rows_and_are_named(tmp_path: Path) -> None:
     assert [row.label for row in results.table(found)] == ["xqmap, qnet.width=8", "xqmap, qnet.width=16", "random pixel"]
 
 
+def test_settings_that_change_together_are_named_by_one(tmp_path: Path) -> None:
+    for name, frames, batch, gamma in [("a", 40, 8, 0), ("b", 1000, 32, 0), ("c", 1000, 32, 0.5)]:
+        write_run(tmp_path, name, 9, trainer={"frames": frames, "batch": batch}, loss={"gamma": gamma})
+    assert results.swept(results.collect(tmp_path)[0]) == {"landing": ["trainer.frames", "loss.gamma"]}
+
+
 def test_a_setting_that_older_trainings_lack_was_not_swept(tmp_path: Path) -> None:
     write_run(tmp_path, "old", 9, qnet={"width": 8})
     write_run(tmp_path, "new", 9, seed=1, qnet={"width": 8, "depth": 2})

@@ -166,12 +166,17 @@ def differing(settings: Iterable[dict[str, Any]]) -> list[str]:
 def swept(trainings: Sequence[Trained]) -> dict[str, list[str]]:
     """By task: the settings that differ between trainings of one method and are neither its seed nor its machine.
 
-    A setting that one of them does not have was not swept: it is newer than that training.
+    Only as many as tell them apart: what changes along with those named says no more. A setting that one of the trainings does not have was
+    not swept: it is newer than that training.
     """
     names: dict[str, dict[str, None]] = {}
     for group in grouped(trainings, lambda t: (t.task, t.method)).values():
         known = [t.settings for t in group if t.settings]
-        kept = [n for n in differing(known) if n.split(".")[0] not in NOT_SWEPT and all(n in settings for settings in known)]
+        kept: list[str] = []
+        for name in differing(known):
+            if name.split(".")[0] not in NOT_SWEPT and all(name in settings for settings in known):
+                apart = (len({repr([s[n] for n in chosen]) for s in known}) for chosen in (kept, [*kept, name]))
+                kept += [name] if next(apart) < next(apart) else []
         names.setdefault(group[0].task, {}).update(dict.fromkeys(kept))
     return {task: list(found) for task, found in names.items()}
 
