@@ -111,6 +111,6 @@ def confusion(row: Row) -> str:
     """Which object was chosen where which was best."""
     bests = sorted({best for counts in row.confusion.values() for best in counts})
     lines = [[chosen, *(str(row.confusion[chosen].get(best, 0) or "·") for best in bests)] for chosen in sorted(row.confusion)]
-    where = f", {row.sheet}" if row.sheet else ""
-    caption = f"{row.label}{where}: choices by the object chosen (rows) and the object that was best (columns)."
-    return f"<h3>Chosen and best: {escape(row.label)}{escape(where)}</h3>{markup.table(('chosen', *bests), lines, caption)}"
+    title = f"{row.label}, {row.sheet}" if row.sheet else row.label
+    caption = "Choices by the object chosen (rows) and the object that was best (columns)."
+    return f"<h3>Chosen and best: {escape(title)}</h3>{markup.table(('chosen', *bests), lines, caption)}"
