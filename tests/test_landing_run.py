@@ -151,7 +151,7 @@ def test_the_report_of_a_run_shows_what_it_did_and_what_it_said(run: Path, told:
         # Intervals, five groups of curves, shares of time, the decision's bars; Q-Maps over training and of the decision.
         everything_is_drawn(page, charts=8, pictures=1 + len(list((run / "figures").glob("qmaps*.png"))))
         for sentence in (told / "explanation.txt").read_text().splitlines():
-            assert page.get_by_text(sentence).count() == 1
+            assert page.get_by_text(sentence).count() >= 1
         assert page.get_by_text("Why?", exact=True).count() == 1
         assert page.get_by_text("python -m xqmap.train +task=landing trainer=smoke").count() == 1
         page.set_viewport_size({"width": 420, "height": 900})
