@@ -170,7 +170,7 @@ def _overrides(path: Path) -> list[str]:
     """What Hydra stored of the command line; nothing where it did not."""
     try:
         stored = OmegaConf.to_container(OmegaConf.load(path))
-    except (OSError, ValueError, YAMLError, OmegaConfBaseException):
+    except (OSError, ValueError, RecursionError, YAMLError, OmegaConfBaseException):
         return []
     return [str(entry) for entry in stored] if isinstance(stored, list) else []
 

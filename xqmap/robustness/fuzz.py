@@ -13,7 +13,7 @@ from typing import Any
 from hydra import compose
 from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
-from omegaconf import OmegaConf
+from omegaconf import DictConfig, OmegaConf
 from tqdm import tqdm
 
 from xqmap import checkpoint, cli, explain, report, schema
@@ -225,7 +225,9 @@ def reports(folder: Path, cases: int) -> dict[str, int]:
         path.write_bytes(content)
         form = "md" if made % _DRAWN else "html"
         made += 1
-        cfg = OmegaConf.create({"runs": str(folder), "out": str(folder / f"report.{form}"), "format": form})
+        told = {"runs": str(folder), "out": str(folder / f"report.{form}"), "format": form}
+        cfg = OmegaConf.merge(OmegaConf.load(Path(cli.CONF) / "report.yaml"), told)
+        assert isinstance(cfg, DictConfig)
         try:
             with contextlib.redirect_stdout(io.StringIO()):
                 return _refused(lambda: report.report(cfg))
