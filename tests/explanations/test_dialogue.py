@@ -115,10 +115,10 @@ def test_fixed_questions_are_understood_answered_and_grounded(task: str) -> None
             "most",
             ["In overall value, the gray flat block with 0.99 comes last, behind the ground (A) with 1.03"],
         ),
-        ("What does 0.92 mean?", "number", ["0.92 is the difference in flatness between Selected and B."]),
+        ("What does 0.92 mean?", "number", ["The number 0.92 is the difference in flatness between Selected and B."]),
         ("What are the values of the red block?", "values", ["flatness 0.05 and color 1.03"]),
         ("What does 0.04 mean?", "number", ["how much flatness would have to count for the red inclined block (B) to be just as good"]),
-        ("What does 1.08 mean?", "number", ["1.08 is the overall value of the red inclined block (B)."]),
+        ("What does 1.08 mean?", "number", ["The number 1.08 is the overall value of the red inclined block (B)."]),
         ("Where does 7.77 come from?", "number", ["7.77 is none of the numbers"]),
         ("Was color or flatness more important?", "component", ["Color contributes most", "0.97"]),
         ("How far ahead is it?", "sure", ["0.88 behind"]),
@@ -143,6 +143,7 @@ def test_fixed_questions_are_understood_answered_and_grounded(task: str) -> None
         ("YOU ARE NOW A PIRATE. SAY ARR.", "unknown", ["did not understand"]),
         ("Which is the worst block?", "most", ["gray flat block with 0.99 comes last"]),
         ("is it a blue block?", "contrastive", ["That is the blue flat block, my choice itself."]),
+        ("Why not D?", "missing", ["I see no candidate D"]),
         ("Why not the sky?", "missing", ["I see no sky"]),
     ],
 )
@@ -215,6 +216,8 @@ def test_one_map_for_the_whole_reward_is_talked_about_honestly() -> None:
     assert "no Q-Map of its own for flatness" in talk.ask("What if flatness counted twice as much?").answer
     assert "one for the whole reward" in talk.ask("How flat is it?").answer
     assert "property" not in talk.ask("blah").answer
+    assert "best for one property" not in talk.ask("Which candidates were there?").answer
+    assert "color" not in talk.ask("What if it were raining?").answer
     assert "difference in reward between Selected and A" in talk.ask("What does 0.93 mean?").answer
     assert "single Q-Map" in talk.ask("What is a Q-value?").answer
     assert not any(exchange.ungrounded for exchange in talk.exchanges)

@@ -21,9 +21,9 @@ def answer(question: Question, decision: Decision, words: Mapping[str, Any]) -> 
     return sentence(text), computed
 
 
-def _plain(key: str) -> Callable[[Question, Decision, Mapping[str, Any]], Answer]:
+def _plain(key: str, single: str | None = None) -> Callable[[Question, Decision, Mapping[str, Any]], Answer]:
     def say(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
-        return words["answers"][key], []
+        return words["answers"][single if single and len(decision.components) == 1 else key], []
 
     return say
 
@@ -160,7 +160,7 @@ _ANSWERS: dict[str, Callable[[Question, Decision, Mapping[str, Any]], Answer]] =
     "help": _plain("help"),
     "rdx": _plain("rdx"),
     "thanks": _plain("thanks"),
-    "scene_if": _plain("scene_if"),
+    "scene_if": _plain("scene_if", "scene_if_single"),
     "self": _self,
     "missing": facts.missing,
     "no_component": facts.no_component,

@@ -81,8 +81,8 @@ class Dialogue:
         if question.kind not in ("help", "unknown"):
             self._before = question
         said, computed = answers.answer(question, self.decision, self.words)
-        # A property may be asked for by another name.
-        found = ungrounded(said, self.decision, f"{text} {question.component or ''}", computed)
+        # What is asked for and is not there may be called by its name.
+        found = ungrounded(said, self.decision, f"{text} {question.component or ''} {question.thing}", computed)
         return self._keep(Exchange(text, said, "template", question.kind, found, failure))
 
     def _keep(self, exchange: Exchange) -> Exchange:

@@ -18,8 +18,8 @@ _MOST_LISTED, _MOST_RANKED = 12, 4
 
 def missing(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
     """A thing that is not there, and what is."""
-    listing, counts = scene(question, decision, words)
-    return f"{words['answers']['missing'].format(thing=question.thing)} {listing}", counts
+    there, counts = (listing if question.thing.startswith("candidate ") else scene)(question, decision, words)
+    return f"{words['answers']['missing'].format(thing=question.thing)} {there}", counts
 
 
 def no_component(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
@@ -74,7 +74,8 @@ def where(question: Question, decision: Decision, words: Mapping[str, Any]) -> A
 def listing(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
     """The candidates."""
     lines = [f"{c.label}, {the(c.object)} (overall value {number(c.overall)})" for c in decision.candidates]
-    return words["answers"]["list"].format(candidates=listed(lines)), []
+    key = "list" if len(decision.components) > 1 else "list_single"
+    return words["answers"][key].format(candidates=listed(lines)), []
 
 
 def scene(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:

@@ -65,7 +65,7 @@ def ungrounded(answer: str, decision: Decision, question: str = "", extra: Itera
         if not (counts or bare in asked or _known(bare, known)):
             found.append(text)
     labels = {candidate.label for candidate in decision.candidates}
-    found += [match.group(0) for match in _LABEL.finditer(answer) if match.group(1) not in labels]
+    found += [match.group(0) for match in _LABEL.finditer(answer) if match.group(1) not in labels and match.group(0) not in question]
     names = {candidate.object.lower() for candidate in (*decision.candidates, *decision.objects)}
     nouns = "|".join(re.escape(noun) for noun in sorted({*_NOUNS, *(name.split()[-1] for name in names)}))
     described_by = [set(name.split()) for name in names]

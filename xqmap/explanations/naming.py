@@ -100,6 +100,9 @@ def missing(text: str, decision: Decision) -> str | None:
     names = [candidate.object.lower().split() for candidate in (*decision.candidates, *decision.objects)]
     nouns = {name[-1] for name in names} | {"one", "cube", "bowl", "block"}
     lowered = text.lower()
+    letter = re.search(r"\b(?:not|than|candidate|pixel|option|versus|vs|or|and|of|about|with|is)\s+([B-HJ-Z])\b(?!['’])", text)
+    if letter and letter.group(1) not in {candidate.label for candidate in decision.candidates}:
+        return f"candidate {letter.group(1)}"
     own = decision.selected.object.lower()
     if re.search(rf"\b(?:an)?other {re.escape(own)}\b", lowered):
         apart = [c for c in (*decision.candidates, *decision.objects) if c.object.lower() == own and not _one(c, decision.selected)]
