@@ -14,17 +14,17 @@ from xqmap.errors import UserError
 
 def bench(cfg: DictConfig) -> None:
     """Runs the benchmarks that ``cfg.what`` names and writes ``cfg.out``, if given."""
+    from xqmap.benchmark_replay import replay
     from xqmap.benchmarks import BENCHMARKS, Benchmark, machine
     from xqmap.robustness.suite import ROBUSTNESS
 
-    known = BENCHMARKS | {name: Benchmark(*what) for name, what in ROBUSTNESS.items()}
-    chosen = list(BENCHMARKS) if cfg.what == "all" else [cfg.what]
+    benchmarks = BENCHMARKS | {"replay": Benchmark(replay, 9)}
+    known = benchmarks | {name: Benchmark(*what) for name, what in ROBUSTNESS.items()}
+    chosen = list(benchmarks) if cfg.what == "all" else [cfg.what]
     if unknown := set(chosen) - set(known):
         raise UserError(f"what={unknown.pop()} is not one of {', '.join(known)}, all")
     if cfg.rounds is not None and not (isinstance(cfg.rounds, int) and cfg.rounds > 0):
         raise UserError(f"rounds={cfg.rounds} must be a whole number above 0")
-    if cfg.out is not None:
-        checkpoint.require_place(Path(cfg.out))
     settings = compose("config", [f"+task={cfg.task_name}", *cfg.settings])
     schema.validate(settings)
     doctor.require_rendering()

@@ -1,0 +1,55 @@
+"""What remembering costs: bytes for each decision, and seconds for a sample beside the update that learns from it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from omegaconf import DictConfig, OmegaConf
+from tensordict import TensorDict, TensorDictBase
+from torchrl.envs.utils import step_mdp
+from tqdm import tqdm
+
+from xqmap import build, evaluation, keys
+from xqmap.benchmarks import BATCH, alternating, goals, stepping
+
+# Two episodes of the tabletop that are cut short: what its states need at most.
+DECISIONS = 60
+
+
+def replay(cfg: DictConfig, see: DictConfig, rounds: int) -> dict[str, Any]:
+    """Sampling and turning 16 of the task's own transitions against the update, without next states (γ = 0) and with them."""
+    torch.manual_seed(0)
+    made, pixel_size = _played(cfg)
+    found: dict[str, float] = {}
+    for gamma in (0.0, 0.9):
+        changed = OmegaConf.merge(cfg, {"loss": {"gamma": gamma}, "trainer": {"batch_size": BATCH}})
+        assert isinstance(changed, DictConfig)
+        memory = build.replay(changed)
+        memory.extend(made)
+        batch = memory.sample()
+        if not gamma:
+            # Nothing follows: the update looks at no next state.
+            batch["next", keys.TERMINATED] = torch.ones(BATCH, 1, dtype=torch.bool)
+        step = stepping(changed, build.qmaps(changed, pixel_size).cpu(), True, build.bf16(changed), TensorDict(batch.to_dict(), [BATCH]))
+        sample, update = alternating(memory.sample, step, rounds)
+        found |= {f"bytes/gamma={gamma:g}": memory.nbytes / len(memory), f"sample_s/gamma={gamma:g}": sample}
+        found |= {f"update_s/gamma={gamma:g}": update, f"share/gamma={gamma:g}": sample / (sample + update)}
+    most = {name: limit for name in found for part, limit in (("bytes", 300_000), ("share", 0.1)) if name.startswith(part)}
+    return {**found, "decisions": len(made), "goals": goals(found, {}, most)}
+
+
+def _played(cfg: DictConfig) -> tuple[TensorDictBase, float]:
+    """Decisions ``[DECISIONS]`` at random pixels of the task, episode after episode, and the edge of its cells in metres."""
+    world = build.make_env(cfg, first_scene=evaluation.training_scenes(cfg.seed))()
+    generator = torch.Generator().manual_seed(0)
+    made = []
+    try:
+        state = world.reset()
+        for _ in tqdm(range(DECISIONS), unit="decision", desc="deciding"):
+            state[keys.ACTION] = torch.tensor(evaluation.random_pixel(state, world, generator))
+            made.append(world.step(state).clone())
+            state = world.reset() if bool(made[-1]["next", keys.DONE]) else step_mdp(made[-1])
+    finally:
+        world.close()
+    return torch.stack(made), world.grid.pixel_size
