@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable
 from functools import partial
@@ -113,6 +114,16 @@ def test_a_dead_worker_is_named_and_what_was_learned_is_saved(config: Callable[.
     trainer.close()
     assert trainer.saved_frames == trainer.frames > 0
     checkpoint.load_run(run_directory)
+
+
+def test_what_a_dead_worker_never_read_does_not_hold_up_the_end() -> None:
+    scheme, queue = collect._Unheard(sync=False), torch.multiprocessing.get_context("spawn").Queue()
+    queue.put(bytes(2**20))
+    scheme._instruction_queues[0] = queue
+    ending = threading.Thread(target=scheme.shutdown, daemon=True)
+    ending.start()
+    ending.join(30)
+    assert not ending.is_alive()
 
 
 def test_workers_in_step_repeat_bit_by_bit(config: Callable[..., DictConfig], tmp_path: Path) -> None:

@@ -67,11 +67,21 @@ def collector(cfg: DictConfig, env: ManiSkillEnv, policy: TensorDictModuleBase, 
             why = " ".join(str(error).split())[:200]
             raise UserError(f"collector=ray: no worker starts ({why}): see that RAY_ADDRESS names a cluster, or is not set") from error
     # Not waiting for an answer: a worker that died would never give one.
-    synced = {"policy": MultiProcessWeightSyncScheme(sync=False)}
+    synced = {"policy": _Unheard(sync=False)}
     return Collector(envs, policy, weight_sync_schemes=synced, **processes, **whole, **shared)
 
 
-class _Acknowledged(MultiProcessWeightSyncScheme):
+class _Unheard(MultiProcessWeightSyncScheme):
+    """Does not wait, at its end, until a worker has read what it was sent: one that died never will."""
+
+    def shutdown(self) -> None:
+        for queues in (self._weight_init_queues, self._instruction_queues, self._ack_queues):
+            for queue in queues.values():
+                queue.cancel_join_thread()
+        super().shutdown()
+
+
+class _Acknowledged(_Unheard):
     """Goes on when every worker has its new weights; or, if one has died and never will, when collecting finds that out."""
 
     def _wait_for_ack(self, worker_ids: int | list[int] | None = None, timeout: float | None = _PATIENCE) -> None:

@@ -176,6 +176,7 @@ def validate(cfg: DictConfig, playing: bool = False) -> None:
     if OmegaConf.is_missing(cfg, "task"):
         raise UserError("no task: add +task=NAME, one of conf/task (+task=landing)")
     _check(Schema, cfg, "", TRAINING_ONLY if playing else ())
+    _check(Task, cfg.task, "task.")
     for name in ("task.components", "method.components"):
         components = list(OmegaConf.select(cfg, name))
         if not components or len(set(components)) < len(components):
@@ -216,6 +217,10 @@ def _check(schema: type, cfg: DictConfig, prefix: str, spared: tuple[str, ...] =
         value = cfg[item.name]
         if isinstance(item.default_factory, type) and dataclasses.is_dataclass(item.default_factory):
             _check(item.default_factory, value, name + ".", spared)
+        elif OmegaConf.is_config(value) and name not in ("task", "task.env"):
+            parts = value.values() if isinstance(value, DictConfig) else value
+            if any(part is None or OmegaConf.is_config(part) for part in parts):
+                raise UserError(f"{name}={value} must hold single values")
         limits = item.metadata
         if "choices" in limits and value not in limits["choices"]:
             raise UserError(f"{name}={value} is not one of {', '.join(limits['choices'])}")

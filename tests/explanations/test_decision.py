@@ -242,6 +242,7 @@ BAD: list[tuple[str, str]] = [
     (json.dumps(GOOD | {"candidates": [GOOD["candidates"][1]]}), "none with the label 'Selected'"),
     (json.dumps(GOOD | {"candidates": GOOD["candidates"] + [GOOD["candidates"][1]]}), r"candidates\[2\].label repeats 'A'"),
     (json.dumps(GOOD).replace('"color": 0.1', '"colour": 0.1'), r"candidates\[1\].values lacks the component 'color'"),
+    (json.dumps(GOOD).replace('"color": 0.1', f'"color": 1{"0" * 400}'), r"candidates\[1\].values.color must be a finite number"),
     (json.dumps(GOOD).replace('"color": 0.1', '"color": NaN'), r"candidates\[1\].values.color must be a finite number"),
     (json.dumps(GOOD).replace('"color": 0.1', '"color": "red"'), r"candidates\[1\].values.color must be a number"),
     (json.dumps(GOOD).replace('"color": 0.1', '"color": 1e300'), r"candidates\[1\].values.color must be a finite number of at most"),

@@ -72,6 +72,8 @@ def test_a_strangers_run_directory_is_safe_to_open(policy: Path, tmp_path: Path)
         ({"config__qnet__width": 4096}, "does not fit"),
         ({"config__qnet__width": "wide"}, "qnet.width"),
         ({"config__loss__gamma": 7}, "loss.gamma"),
+        ({"config__task": {}}, "task.name has no value"),
+        ({"config__evaluation__seeds": [0, [1]]}, "evaluation.seeds"),
         ({"config": "task: {name: x}"}, "settings"),
         ({"pixel_size": float("nan")}, "pixel size"),
         ({"noise": {"left": "much"}}, "does not fit"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 from xqmap.errors import UserError
@@ -39,7 +38,8 @@ def parse(content: Any, source: str) -> Decision:
     def number(value: Any, place: str) -> float:
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise wrong(place, "must be a number")
-        if not math.isfinite(value) or abs(value) > _LARGEST_VALUE:
+        # Not a float yet: a whole number of JSON may be too large to be one. Nor is NaN at most anything.
+        if not abs(value) <= _LARGEST_VALUE:
             raise wrong(place, f"must be a finite number of at most {_LARGEST_VALUE:g} in size")
         return float(value)
 
