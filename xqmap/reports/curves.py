@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -34,6 +35,8 @@ METRICS = {
 AXES = {"frames": (1, "decisions"), "seconds": (60, "minutes")}
 # Methods begin where components end, so that no color means both in the two-component tasks.
 COLORS = (*PALETTE[2:6], PALETTE[7], *PALETTE[:2])
+# Where two methods learned the same, the one below shows in the gaps.
+STROKES = ("-", (0, (4, 2)), (0, (1, 1.5)))
 WIDTH = 10.6
 _SMALL: Any = STYLE | {"font.size": 9, "axes.titlesize": 9.5}
 
@@ -119,7 +122,8 @@ def learning(groups: dict[str, list[Run]], metric: str, colors: dict[str, str]) 
     shape = (1, 2) if len(names) == 1 else (2, len(names))
     with plt.rc_context(_SMALL):
         figure, axes = plt.subplots(*shape, figsize=(WIDTH, 0.3 + 2.2 * shape[0]), layout="constrained", squeeze=False)
-        lines = [Line2D([], [], color=colors[label], lw=2) for label in groups]
+        styles = dict(zip(groups, itertools.cycle(STROKES), strict=False))
+        lines = [Line2D([], [], color=colors[label], lw=2, ls=styles[label]) for label in groups]
         names_of_lines = [textwrap.shorten(label, 120, placeholder=" …") for label in groups]
         side_by_side = max(1, 120 // (6 + max(map(len, names_of_lines))))
         figure.legend(lines, names_of_lines, loc="outside upper left", ncols=side_by_side, frameon=False)
@@ -130,7 +134,7 @@ def learning(groups: dict[str, list[Run]], metric: str, colors: dict[str, str]) 
                 for label, runs in groups.items():
                     if line := curve(runs, name, against, span):
                         axis.fill_between(line.x, line.low, line.high, color=colors[label], alpha=0.2, lw=0)
-                        axis.plot(line.x, line.mean, color=colors[label], lw=1.6)
+                        axis.plot(line.x, line.mean, color=colors[label], lw=1.6, ls=styles[label])
                 axis.set_title(name.partition("/")[2] if i == 0 else "")
                 axis.set_xlabel(unit)
                 axis.grid(axis="y", color="0.87", lw=0.6)
