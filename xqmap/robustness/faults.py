@@ -27,13 +27,13 @@ class Fault(NamedTuple):
 
     Attributes:
         inject: does it to a trainer, at a decision.
-        stops: whether that ends the training (in one line).
+        stops: whether that ends the training (in one line); None where it may as well come to its end before that is noticed.
         settings: of the training, where the fault needs others.
         repeats: whether the training, once it has gone on, must end with the weights of one that was left alone.
     """
 
     inject: Callable[[Trainer, int], Any]
-    stops: bool
+    stops: bool | None
     settings: Mapping[str, Any] = {}
     repeats: bool = True
 
@@ -63,10 +63,20 @@ def _lose_device(trainer: Trainer, step: Callable[[Any], Any], action: Any) -> A
 
 
 def _blind(trainer: Trainer, step: Callable[[Any], Any], action: Any) -> Any:
-    observation, *rest = step(action)
-    for images in observation["sensor_data"].values():
-        images["depth"] = torch.full_like(torch.as_tensor(images["depth"], dtype=torch.float32), float("nan"))
-    return observation, *rest
+    # After the last step of an episode nobody looks, so the next first picture is dark as well.
+    task, reset = trainer.env.task, trainer.env.task.reset
+
+    def dark(observation: Any, *rest: Any) -> Any:
+        for images in observation["sensor_data"].values():
+            images["depth"] = torch.full_like(torch.as_tensor(images["depth"], dtype=torch.float32), float("nan"))
+        return observation, *rest
+
+    def reset_in_the_dark(*args: Any, **kwargs: Any) -> Any:
+        task.reset = reset  # type: ignore[method-assign]
+        return dark(*reset(*args, **kwargs))
+
+    task.reset = reset_in_the_dark  # type: ignore[method-assign]
+    return dark(*step(action))
 
 
 def _void_reward(trainer: Trainer, step: Callable[[Any], Any], action: Any) -> Any:
@@ -159,7 +169,7 @@ FAULTS = {
     "NaN in every depth": Fault(_at_step(_blind), True),
     "NaN in a reward": Fault(_at_step(_void_reward), True),
     "NaN in the loss": Fault(_void_loss, True),
-    "worker killed": Fault(_kill_worker, True, {"collector": {"name": "parallel", "workers": 2}}, repeats=False),
+    "worker killed": Fault(_kill_worker, None, {"collector": {"name": "parallel", "workers": 2}}, repeats=False),
     "wandb killed": Fault(_kill_wandb, False, {"logger": {"mode": "offline"}}),
     "disk full": Fault(_after_save(_fill), True),
     "directory turns read-only": Fault(_after_save(lambda directory: _mount("--bind", directory, directory, read_only=True)), True),
@@ -227,4 +237,4 @@ def suffer(cfg: DictConfig, directory: Path, fault: Fault) -> tuple[bool, int, s
         whole = whole and len(trainer.replay) == min(saved, cfg.replay.capacity)
         trainer.run()
         trainer.close()
-    return bool(line) == fault.stops and whole and trainer.frames >= cfg.trainer.frames and not lost, lost, line
+    return fault.stops in (None, bool(line)) and whole and trainer.frames >= cfg.trainer.frames and not lost, lost, line
