@@ -5,13 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import torch
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 from tensordict import TensorDict, TensorDictBase
-from torchrl.envs.utils import step_mdp
-from tqdm import tqdm
 
 from xqmap import build, evaluation, keys
-from xqmap.benchmarks import BATCH, alternating, goals, stepping
+from xqmap.benchmarks import BATCH, altered, alternating, deciding, goals, stepping
 
 # Two episodes of the tabletop that are cut short: what its states need at most.
 DECISIONS = 60
@@ -23,8 +21,7 @@ def replay(cfg: DictConfig, see: DictConfig, rounds: int) -> dict[str, Any]:
     made, pixel_size = _played(cfg)
     found: dict[str, float] = {}
     for gamma in (0.0, 0.9):
-        changed = OmegaConf.merge(cfg, {"loss": {"gamma": gamma}, "trainer": {"batch_size": BATCH}})
-        assert isinstance(changed, DictConfig)
+        changed = altered(cfg, {"loss.gamma": gamma, "trainer.batch_size": BATCH})
         memory = build.replay(changed)
         memory.extend(made)
         batch = memory.sample()
@@ -42,14 +39,8 @@ def replay(cfg: DictConfig, see: DictConfig, rounds: int) -> dict[str, Any]:
 def _played(cfg: DictConfig) -> tuple[TensorDictBase, float]:
     """Decisions ``[DECISIONS]`` at random pixels of the task, episode after episode, and the edge of its cells in metres."""
     world = build.make_env(cfg, first_scene=evaluation.training_scenes(cfg.seed))()
-    generator = torch.Generator().manual_seed(0)
-    made = []
     try:
-        state = world.reset()
-        for _ in tqdm(range(DECISIONS), unit="decision", desc="deciding"):
-            state[keys.ACTION] = torch.tensor(evaluation.random_pixel(state, world, generator))
-            made.append(world.step(state).clone())
-            state = world.reset() if bool(made[-1]["next", keys.DONE]) else step_mdp(made[-1])
+        made = [step.clone() for step in deciding(world, DECISIONS)]
     finally:
         world.close()
     return torch.stack(made), world.grid.pixel_size

@@ -5,21 +5,23 @@ from __future__ import annotations
 import os
 import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from omegaconf import DictConfig, OmegaConf
-from tensordict import TensorDict
+from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import TensorDictSequential
 from torch.utils._python_dispatch import TorchDispatchMode
+from torchrl.envs.utils import step_mdp
 from torchrl.objectives import HardUpdate
 from tqdm import tqdm
 
 from xqmap import build, collect, evaluation, keys
 from xqmap.envs.heightmap import PixelGrid, heightmap
+from xqmap.envs.maniskill import ManiSkillEnv
 from xqmap.explanations.perception import Simulator, agreement
 from xqmap.models.policy import GreedyPolicy
 from xqmap.models.qmaps import QMaps
@@ -159,7 +161,7 @@ def scale(cfg: DictConfig, see: DictConfig, rounds: int) -> dict[str, Any]:
     torch.manual_seed(0)
     bf16, found = build.bf16(cfg), {}
     for count in tqdm((1, 2, 4, 8), unit="size", desc="components"):
-        several = _with(cfg, {"method.components": [f"c{i}" for i in range(count)], "method.weights": [1.0] * count})
+        several = altered(cfg, {"method.components": [f"c{i}" for i in range(count)], "method.weights": [1.0] * count})
         network, batch = build.qmaps(several, PIXEL_SIZE).cpu(), transitions(several)
         found[f"update_s/components={count}"] = taking(stepping(several, network, True, bf16, batch), rounds)
     for rows, columns in tqdm(((84, 84), (320, 160), (640, 320)), unit="size", desc="maps"):
@@ -173,7 +175,7 @@ def scale(cfg: DictConfig, see: DictConfig, rounds: int) -> dict[str, Any]:
     if "objects" in cfg.task.env:
         for objects in (7, 15, 30):
             value = objects if isinstance(cfg.task.env.objects, int) else [objects, objects]
-            found[f"decisions_per_s/objects={objects}"] = env(_with(cfg, {"task.env.objects": value}), see, 4 * rounds)["decisions_per_s"]
+            found[f"decisions_per_s/objects={objects}"] = env(altered(cfg, {"task.env.objects": value}), see, 4 * rounds)["decisions_per_s"]
     growth = {
         "components 2 to 8": found["update_s/components=8"] / found["update_s/components=2"],
         "gradient, map area × 4": found["gradient_s/map=640x320"] / found["gradient_s/map=320x160"],
@@ -186,7 +188,7 @@ def scale(cfg: DictConfig, see: DictConfig, rounds: int) -> dict[str, Any]:
     }
 
 
-def _with(cfg: DictConfig, changes: dict[str, Any]) -> DictConfig:
+def altered(cfg: DictConfig, changes: dict[str, Any]) -> DictConfig:
     """A copy of the settings with some of them changed."""
     cfg = cfg.copy()
     for name, value in changes.items():
@@ -196,7 +198,7 @@ def _with(cfg: DictConfig, changes: dict[str, Any]) -> DictConfig:
 
 def _collecting(cfg: DictConfig, workers: int, decisions: int) -> float:
     """Decisions a second of that many worker processes, after each has made some to warm up."""
-    several = _with(cfg, {"collector.name": "parallel", "collector.workers": workers})
+    several = altered(cfg, {"collector.name": "parallel", "collector.workers": workers})
     world = build.make_env(cfg, evaluation.training_scenes(cfg.seed))()
     policy = TensorDictSequential(GreedyPolicy(build.qmaps(cfg, world.grid.pixel_size).cpu()), build.exploration(cfg))
     source = collect.collector(several, world, policy, made=0)
@@ -215,20 +217,24 @@ def _collecting(cfg: DictConfig, workers: int, decisions: int) -> float:
     raise AssertionError("a collector never ends by itself")
 
 
+def deciding(world: ManiSkillEnv, decisions: int) -> Iterator[TensorDictBase]:
+    """So many steps at random pixels of a world, episode after episode."""
+    generator, done = torch.Generator().manual_seed(0), True
+    for _ in tqdm(range(decisions), unit="decision", desc="deciding"):
+        if done:
+            state = world.reset()
+        state[keys.ACTION] = torch.tensor(evaluation.random_pixel(state, world, generator))
+        step = world.step(state)
+        yield step
+        done, state = bool(step["next", keys.DONE]), step_mdp(step)
+
+
 def env(cfg: DictConfig, see: DictConfig, rounds: int) -> dict[str, Any]:
     """Whole decisions of random pixels in the task, and where their time goes."""
     world = build.make_env(cfg, first_scene=evaluation.training_scenes(cfg.seed))()
-    generator = torch.Generator().manual_seed(0)
-    before, start, made = world.seconds, time.perf_counter(), 0
+    before, start = world.seconds, time.perf_counter()
     try:
-        with tqdm(total=rounds, unit="decision", desc="deciding") as bar:
-            while made < rounds:
-                state, done = world.reset(), False
-                while not done and made < rounds:
-                    state[keys.ACTION] = torch.tensor(evaluation.random_pixel(state, world, generator))
-                    following = world.step(state)["next"]
-                    state, done, made = following.exclude("reward"), bool(following[keys.DONE]), made + 1
-                    bar.update()
+        made = sum(1 for _ in deciding(world, rounds))
         total, spent = time.perf_counter() - start, world.seconds
     finally:
         world.close()

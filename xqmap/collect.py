@@ -23,7 +23,7 @@ from torchrl.weight_update import MultiProcessWeightSyncScheme
 
 from xqmap import build, keys
 from xqmap.envs.maniskill import ManiSkillEnv
-from xqmap.errors import UserError, WorkerLost
+from xqmap.errors import UserError, WorkerLost, brief
 from xqmap.evaluation import SCENES_PER_TRAINING, training_scenes
 from xqmap.models.policy import GreedyPolicy
 
@@ -64,8 +64,8 @@ def collector(cfg: DictConfig, env: ManiSkillEnv, policy: TensorDictModuleBase, 
         try:
             return Collector(envs, backend="ray", policy_factory=policies, collector_kwargs=kwargs, remote_configs=remote, **shared)
         except Exception as error:  # Ray's are of no common kind
-            why = " ".join(str(error).split())[:200]
-            raise UserError(f"collector=ray: no worker starts ({why}): see that RAY_ADDRESS names a cluster, or is not set") from error
+            fix = "see that RAY_ADDRESS names a cluster, or is not set"
+            raise UserError(f"collector=ray: no worker starts ({brief(error)}): {fix}") from error
     # Not waiting for an answer: a worker that died would never give one.
     synced = {"policy": _Unheard(sync=False)}
     return Collector(envs, policy, weight_sync_schemes=synced, **processes, **whole, **shared)
@@ -102,7 +102,7 @@ def batches(source: BaseCollector, settings: DictConfig) -> Iterator[TensorDictB
     except UserError:
         raise
     except Exception as error:  # Ray's are of no common kind
-        raise WorkerLost(f"a worker process ended unexpectedly ({' '.join(str(error).split())[:200]})") from error
+        raise WorkerLost(f"a worker process ended unexpectedly ({brief(error)})") from error
 
 
 def _in_order(source: BaseCollector, episodes: int) -> Iterator[TensorDictBase]:

@@ -36,10 +36,10 @@ def evaluate_run(
     env = build.make_env(run.cfg, first_scene=0)()
     try:
         until = dict(settings.until) if settings.until else None
-        against = baselines[1] if baselines else settings.baselines
-        played = evaluation.evaluate(run.policy, env, list(settings.seeds), settings.choices, until, against)
+        unplayed = settings.baselines and baselines is None
+        played = evaluation.evaluate(run.policy, env, list(settings.seeds), settings.choices, until, unplayed)
         if baselines:
-            played["baselines_from"] = baselines[0]
+            played["baselines_from"], played["baselines"] = baselines
         if settings.calibration:
             weights = [run.cfg.task.weights.get(name, 1.0) for name in env.components]
             played["calibration"] = calibration.calibrate(

@@ -13,6 +13,11 @@ class WorkerLost(WorldError):
     """A process that simulates beside the training came to an end; the message says which and how."""
 
 
+def brief(error: BaseException, most: int = 200) -> str:
+    """What another's exception says, on one line of at most so many characters."""
+    return " ".join(str(error).split())[:most]
+
+
 class Stopped(KeyboardInterrupt):
     """A signal asked to stop at once; ``number`` is the signal's."""
 

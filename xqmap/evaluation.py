@@ -138,28 +138,15 @@ def _chosen_and_best(env: ManiSkillEnv, action: torch.Tensor) -> tuple[str, str]
 
 
 def evaluate(
-    policy: TensorDictModuleBase,
-    env: ManiSkillEnv,
-    seeds: list[int],
-    choices: int,
-    until: dict[str, float] | None,
-    baselines: bool | dict[str, Any],
+    policy: TensorDictModuleBase, env: ManiSkillEnv, seeds: list[int], choices: int, until: dict[str, float] | None, baselines: bool
 ) -> dict[str, Any]:
     """The policy and, where asked for, the baselines on the same scenes.
-
-    Args:
-        policy: greedy.
-        env: the world.
-        seeds: one run each, see :func:`play`.
-        choices: the most choices of a run.
-        until: what else ends a run.
-        baselines: whether to play them, or what they made of these scenes before: no policy changes that.
 
     Returns:
         The part of ``evaluation.json`` that playing decides: ``runs``, ``success``, ``confusion`` (of the policy:
         ``{chosen: {best: count}}``), ``baselines``.
     """
-    choosers = {"policy": greedy(policy)} | (BASELINES if baselines is True else {})
+    choosers = {"policy": greedy(policy)} | (BASELINES if baselines else {})
     table: dict[str, list[dict[str, Any]]] = {}
     pairs: Counter[tuple[str, str]] = Counter()
     with tqdm(total=len(choosers) * len(seeds), unit="run", desc="evaluating", mininterval=1.0) as bar:
@@ -169,12 +156,11 @@ def evaluate(
             for seed in seeds:
                 table[name].append(play(choose, env, seed, choices, until, pairs if name == "policy" else None))
                 bar.update()
-    played = {name: success(runs) | {"regret": _mean_regret(runs)} for name, runs in table.items() if name != "policy"}
     return {
         "runs": table["policy"],
         "success": success(table["policy"]),
         "confusion": {chosen: {b: n for (c, b), n in sorted(pairs.items()) if c == chosen} for chosen in sorted({c for c, _ in pairs})},
-        "baselines": baselines if isinstance(baselines, dict) else played,
+        "baselines": {name: success(runs) | {"regret": _mean_regret(runs)} for name, runs in table.items() if name != "policy"},
     }
 
 

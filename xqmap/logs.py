@@ -9,7 +9,7 @@ import logging
 import math
 import os
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,7 @@ from torch import Tensor
 
 from xqmap import keys
 from xqmap.checkpoint import write_atomically
-from xqmap.errors import UserError
+from xqmap.errors import UserError, brief
 from xqmap.evaluation import SAME_REWARD
 
 _logger = logging.getLogger(__name__)
@@ -54,10 +54,9 @@ class Log:
             self._start_wandb(directory, cfg)
 
     def _start_wandb(self, directory: Path, cfg: DictConfig) -> None:
-        wandb = _wandb(directory)
-        from torchrl.record.loggers.wandb import WandbLogger
+        with _starting(directory, cfg.logger.mode, "logger.mode=disabled does without") as wandb:
+            from torchrl.record.loggers.wandb import WandbLogger
 
-        try:
             self._wandb = WandbLogger(
                 exp_name=directory.name,
                 offline=cfg.logger.mode == "offline",
@@ -68,10 +67,6 @@ class Log:
                 config=OmegaConf.to_container(cfg, resolve=True),
                 settings=wandb.Settings(**_QUIET),
             )
-        except Exception as error:  # of its own, of pydantic, of the system
-            _forget_wandb()
-            why = " ".join(str(error).split())[:200]
-            raise UserError(f"logger.mode={cfg.logger.mode}: wandb does not start ({why}); logger.mode=disabled does without") from None
         self.wandb_id = self._wandb.experiment.id
 
     def row(self, values: dict[str, float]) -> None:
@@ -105,8 +100,7 @@ class Log:
         except Exception as error:
             self._wandb = None
             _forget_wandb()
-            why = " ".join(str(error).split())[:200]
-            _logger.warning("wandb failed (%s: %s); training goes on, metrics.csv has every row", type(error).__name__, why)
+            _logger.warning("wandb failed (%s: %s); training goes on, metrics.csv has every row", type(error).__name__, brief(error))
 
 
 def _forget_wandb() -> None:
@@ -130,8 +124,7 @@ def log_page(page: Path, directory: Path, source: str, settings: DictConfig) -> 
     Raises:
         UserError: if wandb does not start.
     """
-    wandb = _wandb(directory)
-    try:
+    with _starting(directory, settings.mode, f"the page is in {page}") as wandb:
         run = wandb.init(
             mode=settings.mode,
             dir=str(directory),
@@ -140,22 +133,27 @@ def log_page(page: Path, directory: Path, source: str, settings: DictConfig) -> 
             config={"report": source},
             settings=wandb.Settings(**_QUIET),
         )
-    except Exception as error:  # of its own, of pydantic, of the system
-        _forget_wandb()
-        why = " ".join(str(error).split())[:200]
-        raise UserError(f"logger.mode={settings.mode}: wandb does not start ({why}); the page is in {page}") from None
     run.log({"report": wandb.Html(str(page), inject=False)})
     run.finish()
     return Path(run.dir).parent
 
 
-def _wandb(directory: Path) -> Any:
-    """The module, told to keep to itself and to ``directory`` before it is imported."""
+@contextlib.contextmanager
+def _starting(directory: Path, mode: str, otherwise: str) -> Iterator[Any]:
+    """The module, told to keep to itself and to ``directory`` before it is imported, while a run of it begins.
+
+    Raises:
+        UserError: if it does not; the line ends with what there is ``otherwise``.
+    """
     os.environ.setdefault("WANDB_ERROR_REPORTING", "false")
     os.environ.setdefault("WANDB_DATA_DIR", str(directory / "wandb"))
     import wandb
 
-    return wandb
+    try:
+        yield wandb
+    except Exception as error:  # of its own, of pydantic, of the system
+        _forget_wandb()
+        raise UserError(f"logger.mode={mode}: wandb does not start ({brief(error)}); {otherwise}") from None
 
 
 def _rows(path: Path, columns: list[str], after: int) -> list[dict[str, str]]:

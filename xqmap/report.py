@@ -14,7 +14,7 @@ from xqmap.errors import UserError
 from xqmap.explanations import plots
 from xqmap.reports import stories, tables
 from xqmap.reports.page import Report, page
-from xqmap.reports.runs import gather
+from xqmap.reports.runs import Run, gather
 from xqmap.sheets import ALL
 
 FORMATS = ("html", "md", "csv")
@@ -32,19 +32,23 @@ def report(cfg: DictConfig) -> None:
     shown = _of_sheets(found, cfg.sheets)
     if cfg.format != "html" and not shown:
         raise UserError(f"runs={root} holds no evaluation.json to make a table of: python -m xqmap.evaluate run=DIR writes one")
-    whole, rows = None, results.table(shown, results.paper_figures())
+    runs: list[Run] = []
+    names = None
     if cfg.format == "html" or cfg.figures is not None:
         runs, foreign = gather(Path(root), found)
         left_out |= foreign
         if not runs:
             why = "; ".join(f"{path}: {reason}" for path, reason in list(left_out.items())[:3])
             raise UserError(f"runs={root} holds no run of xqmap" + (f" ({why})" if why else ": train one with python -m xqmap.train"))
-        rows = results.table(shown, results.paper_figures(), results.swept(runs))
-        whole = Report(str(root), runs, rows, left_out)
-    if whole and cfg.format == "html":
+        names = results.swept(runs)
+    rows = results.table(shown, results.paper_figures(), names)
+    whole = Report(str(root), runs, rows, left_out)
+    if cfg.format == "html":
         content = page(whole)
+    elif cfg.format == "md":
+        content = tables.markdown(rows)
     else:
-        content = tables.markdown(rows) if cfg.format == "md" else tables.comma_separated(rows)
+        content = tables.comma_separated(rows)
     # Half a character, which JSON can hold and no file can, becomes a question mark.
     written = content.encode(errors="replace")
     write_atomically(out, written)
@@ -58,7 +62,7 @@ def report(cfg: DictConfig) -> None:
 
         Path(cfg.log).mkdir(parents=True, exist_ok=True)
         print(f"logged it to {log_page(out, Path(cfg.log), str(root), cfg.logger)}")
-    if whole and cfg.figures is not None:
+    if cfg.figures is not None:
         saved = _save_figures(whole, Path(cfg.figures))
         print(f"wrote {len(saved)} files to {cfg.figures}: {', '.join(path.name for path in saved)}")
 

@@ -8,19 +8,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 from yaml import YAMLError
 
 import conf
-from xqmap import statistics
+from xqmap import evaluation_file, statistics
 from xqmap.errors import UserError
 
 # Settings that say where and how often a method ran, not what it is: they never split a group of runs.
 NOT_SWEPT = ("seed", "device", "threads", "resume", "logger")
-
-# Of numbers in an evaluation.
-_LARGEST = 1e12
 
 T = TypeVar("T")
 
@@ -128,7 +125,7 @@ def collect(root: str | Path) -> tuple[list[Result], dict[Path, str]]:
     for path in sorted(Path(root).rglob("evaluation*.json")):
         try:
             content = json.loads(path.read_text(encoding="utf-8"))
-            why = _wrong(content)
+            why = evaluation_file.wrong(content)
         except (OSError, ValueError, RecursionError) as error:
             why = f"not JSON ({str(error)[:80]})"
         if why:
@@ -141,12 +138,17 @@ def collect(root: str | Path) -> tuple[list[Result], dict[Path, str]]:
 
 def settings_of(run: Path) -> dict[str, Any]:
     """A run's settings as Hydra stored them, by dotted name; empty where there are none that can be read."""
+    found = stored(run, "config")
+    return flat(found) if isinstance(found, dict) else {}
+
+
+def stored(run: Path, name: str) -> Any:
+    """What Hydra left in a run's ``.hydra/NAME.yaml``, as plain values; None where that cannot be read."""
     try:
-        cfg = OmegaConf.load(run / ".hydra" / "config.yaml")
+        # Unresolved: what a file leaves to a resolver is the same text in every run.
+        return OmegaConf.to_container(OmegaConf.load(run / ".hydra" / f"{name}.yaml"))
     except (OSError, ValueError, RecursionError, YAMLError, OmegaConfBaseException):
-        return {}
-    # Unresolved: what a file leaves to a resolver is the same text in every run.
-    return flat(OmegaConf.to_container(cfg)) if isinstance(cfg, DictConfig) else {}
+        return None
 
 
 def flat(tree: Any, prefix: str = "") -> dict[str, Any]:
@@ -292,50 +294,3 @@ def grouped(things: Iterable[T], key: Callable[[T], Any]) -> dict[Any, list[T]]:
     for thing in things:
         groups.setdefault(key(thing), []).append(thing)
     return groups
-
-
-def _wrong(content: Any) -> str:
-    """Why this is not an evaluation that can be counted; empty if it is one."""
-    needed = {"task": str, "method": str, "training_seed": int, "runs": list}
-    if not isinstance(content, dict) or any(not isinstance(content.get(name), kind) for name, kind in needed.items()):
-        return f"no evaluation of xqmap: {', '.join(needed)} are needed"
-    for run in content["runs"]:
-        counts = {name: run.get(name) for name in ("choices", "correct", "regret")} if isinstance(run, dict) else None
-        if not _numbers(counts, 1) or not _numbers(run.get("components", {}), 1) or not 0 <= run["correct"] <= run["choices"]:
-            return "a run in it lacks choices, correct or regret"
-    if not any(run["choices"] for run in content["runs"]):
-        return "no choice was made in it"
-    baselines = content.get("baselines") or {}
-    for row in baselines.values() if isinstance(baselines, dict) else [baselines]:
-        rate = {name: row.get(name) for name in ("mean", "std", "choices")} if isinstance(row, dict) else None
-        limits = row.get("ci95") if isinstance(row, dict) else None
-        if not _numbers(rate, 1) or not isinstance(limits, list) or len(limits) != 2 or not _numbers(dict(enumerate(limits)), 1):
-            return "a baseline in it lacks mean, std, choices or ci95"
-        if not is_number(row.get("regret", 0.0)):
-            return "a baseline's regret in it is no number"
-    confusion = content.get("confusion") or {}
-    if not _numbers(confusion, 2):
-        return "its confusion holds no counts"
-    names = [
-        content["task"],
-        content["method"],
-        *baselines,
-        *confusion,
-        *(name for run in content["runs"] for name in run.get("components", {})),
-    ]
-    # Control characters could move a terminal's cursor; half a character cannot be written at all.
-    if not all(name.isprintable() for name in (*names, *(best for bests in confusion.values() for best in bests))):
-        return "a name in it cannot be printed"
-    return ""
-
-
-def is_number(value: Any) -> bool:
-    """Whether this is a number that can be reckoned with: NaN is, infinity and what no count or reward comes near are not."""
-    return isinstance(value, int | float) and not isinstance(value, bool) and not abs(value) > _LARGEST
-
-
-def _numbers(tree: Any, depth: int) -> bool:
-    """Whether this is a dictionary of numbers, so many levels deep."""
-    if depth == 0:
-        return is_number(tree)
-    return isinstance(tree, dict) and all(_numbers(inner, depth - 1) for inner in tree.values())

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-from xqmap.errors import UserError, WorldError
+from xqmap.errors import UserError, WorldError, brief
 
 # Code that no Python signal handler can interrupt is ended with its process, this many seconds after the limit.
 _GRACE = 10.0
@@ -52,8 +52,7 @@ def guarded(where: str, limit: float | None) -> Iterator[None]:
     except UserError:
         raise
     except Exception as error:
-        why = " ".join(str(error).split())[:300]
-        raise WorldError(f"the simulator failed in {where} ({type(error).__name__}: {why})") from error
+        raise WorldError(f"the simulator failed in {where} ({type(error).__name__}: {brief(error, 300)})") from error
     finally:
         if timed:
             signal.setitimer(signal.ITIMER_REAL, 0)

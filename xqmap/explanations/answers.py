@@ -7,7 +7,7 @@ from typing import Any
 
 from xqmap.explanations import contrast, facts, sentences
 from xqmap.explanations.decision import Candidate, Decision, together
-from xqmap.explanations.facts import Answer, called, is_listed
+from xqmap.explanations.facts import Answer, called, is_listed, wording
 from xqmap.explanations.questions import Question
 from xqmap.explanations.sentences import counted, listed, number, phrase, sentence, signed, the
 
@@ -21,22 +21,20 @@ def answer(question: Question, decision: Decision, words: Mapping[str, Any]) -> 
     return sentence(text), computed
 
 
-def _plain(key: str, single: str | None = None) -> Callable[[Question, Decision, Mapping[str, Any]], Answer]:
+def _plain(key: str) -> Callable[[Question, Decision, Mapping[str, Any]], Answer]:
     def say(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
-        return words["answers"][single if single and len(decision.components) == 1 else key], []
+        return words["answers"][key], []
 
     return say
 
 
 def _unknown(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
-    key = "unknown" if len(decision.components) > 1 else "unknown_single"
-    return words["answers"][key].format(component=phrase(decision.shallow, words)), []
+    return wording("unknown", decision, words).format(component=phrase(decision.shallow, words)), []
 
 
 def _self(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
     known = listed([phrase(name, words) for name in decision.components])
-    key = "self" if len(decision.components) > 1 else "self_single"
-    return words["answers"][key].format(setting=words["setting"], components=known), []
+    return wording("self", decision, words).format(setting=words["setting"], components=known), []
 
 
 def _shallow(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
@@ -151,16 +149,15 @@ def _what_if(question: Question, decision: Decision, words: Mapping[str, Any]) -
 
 def _q_value(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
     names = listed([phrase(name, words) for name in decision.components])
-    key = "q_value" if len(decision.components) > 1 else "q_value_single"
     chosen = decision.selected
-    return words["answers"][key].format(components=names, object=the(chosen.object), overall=number(chosen.overall)), []
+    return wording("q_value", decision, words).format(components=names, object=the(chosen.object), overall=number(chosen.overall)), []
 
 
 _ANSWERS: dict[str, Callable[[Question, Decision, Mapping[str, Any]], Answer]] = {
     "help": _plain("help"),
     "rdx": _plain("rdx"),
     "thanks": _plain("thanks"),
-    "scene_if": _plain("scene_if", "scene_if_single"),
+    "scene_if": lambda question, decision, words: (wording("scene_if", decision, words), []),
     "self": _self,
     "missing": facts.missing,
     "no_component": facts.no_component,

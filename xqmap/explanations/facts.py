@@ -16,6 +16,11 @@ Answer = tuple[str, list[float]]
 _MOST_LISTED, _MOST_RANKED = 12, 4
 
 
+def wording(key: str, decision: Decision, words: Mapping[str, Any]) -> str:
+    """A template of the answers; its ``_single`` twin where one Q-Map stands for the whole reward."""
+    return str(words["answers"][key if len(decision.components) > 1 else f"{key}_single"])
+
+
 def missing(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
     """A thing that is not there, and what is."""
     there, counts = (listing if question.thing.startswith("candidate ") else scene)(question, decision, words)
@@ -25,8 +30,7 @@ def missing(question: Question, decision: Decision, words: Mapping[str, Any]) ->
 def no_component(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
     """A property without a Q-Map of its own."""
     known = listed([phrase(name, words) for name in decision.components])
-    key = "no_component" if len(decision.components) > 1 else "no_component_single"
-    return words["answers"][key].format(component=phrase(question.component or "", words), known=known), []
+    return wording("no_component", decision, words).format(component=phrase(question.component or "", words), known=known), []
 
 
 def component_of(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
@@ -50,8 +54,8 @@ def values(question: Question, decision: Decision, words: Mapping[str, Any]) -> 
     said = []
     for c in question.about:
         values = listed([f"{phrase(name, words)} {number(c.values[name])}" for name in decision.components])
-        key = "values" if len(decision.components) > 1 else "values_single"
-        said.append(sentence(words["answers"][key].format(object=called(c, decision), values=values, overall=number(c.overall))))
+        named = {"object": called(c, decision), "values": values, "overall": number(c.overall)}
+        said.append(sentence(wording("values", decision, words).format(**named)))
     return " ".join(said), []
 
 
@@ -74,8 +78,7 @@ def where(question: Question, decision: Decision, words: Mapping[str, Any]) -> A
 def listing(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
     """The candidates."""
     lines = [f"{c.label}, {the(c.object)} (overall value {number(c.overall)})" for c in decision.candidates]
-    key = "list" if len(decision.components) > 1 else "list_single"
-    return words["answers"][key].format(candidates=listed(lines)), []
+    return wording("list", decision, words).format(candidates=listed(lines)), []
 
 
 def scene(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:

@@ -16,6 +16,7 @@ from matplotlib.lines import Line2D
 
 from xqmap import results
 from xqmap.explanations.plots import PALETTE, STYLE
+from xqmap.reports import tables
 from xqmap.reports.runs import Run
 from xqmap.results import Row
 
@@ -150,7 +151,7 @@ def _beside(label: str) -> str:
 
 
 def _percent(value: float, place: float) -> str:
-    return f"{100 * value:.0f} %"
+    return tables.percent(value, 0)
 
 
 def intervals(rows: Sequence[Row], colors: dict[str, str]) -> Figure:
@@ -192,7 +193,7 @@ def shares(groups: dict[str, list[Run]]) -> Figure | None:
             axis.barh(range(len(means)), width, left=left, color=PALETTE[i % len(PALETTE)], label=name.partition("/")[2], height=0.7)
             for row, (w, at) in enumerate(zip(width, left, strict=True)):
                 if w >= 0.05:
-                    axis.text(at + w / 2, row, f"{100 * w:.0f} %", ha="center", va="center", fontsize=8, color="white")
+                    axis.text(at + w / 2, row, tables.percent(w, 0), ha="center", va="center", fontsize=8, color="white")
             left += width
         axis.invert_yaxis()
         axis.set_yticks(range(len(means)), list(map(_beside, means)))

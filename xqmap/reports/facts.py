@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from xqmap import results
-from xqmap.reports import markup
+from xqmap.evaluation_file import is_number
+from xqmap.reports import markup, tables
 from xqmap.reports.runs import Run
 from xqmap.results import Row, shown
 
@@ -19,7 +20,7 @@ def runs(every: Sequence[Run]) -> str:
     head = ("run", "task", "method", "state", "started", "machine", "seed", "decisions", "updates", "minutes", "best choices")
     lines = []
     for run in every:
-        rate = f"{100 * results.table([run.result])[0].mean:.1f} %" if run.result else ""
+        rate = tables.percent(results.table([run.result])[0].mean) if run.result else ""
         began = str(run.environment.get("started_at", ""))[:16].replace("T", " ")
         numbers = [f"{run.decisions:,}", f"{int(run.last('updates')):,}", f"{run.minutes:.1f}", rate]
         lines.append([run.name, run.task, run.method, run.state, began, str(run.environment.get("host", "")), str(run.seed), *numbers])
@@ -99,7 +100,7 @@ def calibration(every: Sequence[Run]) -> str:
 
 def _figure(row: Any, name: str) -> str:
     value = row.get(name) if isinstance(row, dict) else None
-    return f"{value:.3f}" if results.is_number(value) else ""
+    return f"{value:.3f}" if is_number(value) else ""
 
 
 def left_out(paths: dict[Path, str]) -> str:

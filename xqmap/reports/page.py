@@ -132,11 +132,10 @@ def _headlines(rows: Sequence[Row]) -> list[str]:
     said = []
     for members in results.grouped((row for row in rows if row.training_seeds and not row.sheet), lambda row: row.task).values():
         row = members[0]
-        low, high = row.ci95
         trained = "one training" if len(row.training_seeds) == 1 else f"{len(row.training_seeds)} trainings"
         paper = f"; the paper prints {row.paper}" if row.paper else ""
-        measured = f"{100 * low:.1f} – {100 * high:.1f} %; {row.choices} choices of {trained}{paper}"
-        said.append(f"{row.task}: {row.label} made the best choice {100 * row.mean:.1f} % of the time ({measured}).")
+        measured = f"{tables.interval(*row.ci95)}; {row.choices} choices of {trained}{paper}"
+        said.append(f"{row.task}: {row.label} made the best choice {tables.percent(row.mean)} of the time ({measured}).")
     return said
 
 

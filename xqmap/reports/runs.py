@@ -11,10 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from omegaconf import OmegaConf
-from omegaconf.errors import OmegaConfBaseException
 from tqdm import tqdm
-from yaml import YAMLError
 
 from xqmap import locks, results
 from xqmap.reports import offline
@@ -161,18 +158,10 @@ def _run(root: Path, directory: Path, logs: list[Logged], result: Result | None)
         run.columns = beside
     if not run.pictures:
         run.pictures = {int(p.stem[5:]): p for p in sorted(directory.glob("figures/qmaps*.png")) if p.stem[5:].isdigit()}
-    run.overrides = _overrides(directory / ".hydra" / "overrides.yaml")
+    overrides = results.stored(directory, "overrides")
+    run.overrides = [str(entry) for entry in overrides] if isinstance(overrides, list) else []
     run.running = not run.finished and locks.held(directory)
     return run
-
-
-def _overrides(path: Path) -> list[str]:
-    """What Hydra stored of the command line; nothing where it did not."""
-    try:
-        stored = OmegaConf.to_container(OmegaConf.load(path))
-    except (OSError, ValueError, RecursionError, YAMLError, OmegaConfBaseException):
-        return []
-    return [str(entry) for entry in stored] if isinstance(stored, list) else []
 
 
 def _joined(before: dict[str, np.ndarray], after: dict[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -11,11 +11,20 @@ from xqmap.results import Row, shown
 COLUMNS = ("task", "sheet", "method", "best choices", "± over runs", "95 % interval", "choices", "trainings", "regret", "paper")
 
 
+def percent(share: float, decimals: int = 1) -> str:
+    """A share as people read it: ``99.3 %``."""
+    return f"{100 * share:.{decimals}f} %"
+
+
+def interval(low: float, high: float) -> str:
+    """Two shares and the sign once: ``97.6 – 99.8 %``."""
+    return f"{100 * low:.1f} – {percent(high)}"
+
+
 def cells(row: Row) -> list[str]:
     """A row as people read it, one text per entry of :data:`COLUMNS`."""
-    low, high = row.ci95
     trainings = str(len(row.training_seeds)) if row.training_seeds else ""
-    rate = [f"{100 * row.mean:.1f} %", f"{100 * row.std:.1f} %", f"{100 * low:.1f} – {100 * high:.1f} %"]
+    rate = [percent(row.mean), percent(row.std), interval(*row.ci95)]
     return [row.task, row.sheet, row.label, *rate, str(row.choices), trainings, f"{row.regret:.3f}", row.paper]
 
 
