@@ -11,7 +11,7 @@ from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig, open_dict
 
 from tests.toy import ToyTask
-from xqmap import build, cli, schema
+from xqmap.config import build, cli, schema
 
 
 def toy_settings(*overrides: str) -> DictConfig:

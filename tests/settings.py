@@ -7,7 +7,7 @@ from typing import Any
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
-from xqmap import cli, schema
+from xqmap.config import cli, schema
 
 
 def world_settings(task: str, **changes: Any) -> dict[str, Any]:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from xqmap.explanations import Candidate, Decision
-from xqmap.explanations.dialogue import Dialogue
-from xqmap.explanations.sentences import wording_for
+from xqmap.explanations.dialogue.conversation import Dialogue
+from xqmap.explanations.views.sentences import wording_for
 
 SCENES: dict[str, list[tuple[str, tuple[float, float]]]] = {
     "landing": [

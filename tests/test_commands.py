@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from xqmap import cli
+from xqmap.config import cli
 
 
 def call(module: str, *arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:

@@ -12,7 +12,7 @@ from torchrl.envs.utils import check_env_specs
 
 from tests.browser import everything_is_drawn, opened, table
 from tests.test_commands import call
-from xqmap import build, cli, schema
+from xqmap.config import build, cli, schema
 from xqmap.reports import curves
 
 pytestmark = pytest.mark.sim

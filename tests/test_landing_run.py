@@ -14,7 +14,8 @@ from torchrl.envs.utils import check_env_specs, step_mdp
 
 from tests.browser import everything_is_drawn, opened, table
 from tests.test_commands import call
-from xqmap import build, cli, keys, schema
+from xqmap import keys
+from xqmap.config import build, cli, schema
 
 pytestmark = pytest.mark.sim
 

@@ -8,15 +8,17 @@ from pathlib import Path
 from hydra import compose
 from omegaconf import DictConfig
 
-from xqmap import checkpoint, cli, doctor, schema
+from xqmap import doctor
+from xqmap.config import cli, schema
 from xqmap.errors import UserError
+from xqmap.runs import checkpoint
 
 
 def bench(cfg: DictConfig) -> None:
     """Runs the benchmarks that ``cfg.what`` names and writes ``cfg.out``, if given."""
-    from xqmap.benchmark_replay import replay
-    from xqmap.benchmarks import BENCHMARKS, Benchmark, machine
-    from xqmap.robustness.suite import ROBUSTNESS
+    from xqmap.benchmarks.replay import replay
+    from xqmap.benchmarks.robustness.suite import ROBUSTNESS
+    from xqmap.benchmarks.speed import BENCHMARKS, Benchmark, machine
 
     benchmarks = BENCHMARKS | {"replay": Benchmark(replay, 9)}
     known = benchmarks | {name: Benchmark(*what) for name, what in ROBUSTNESS.items()}

@@ -11,12 +11,13 @@ from omegaconf.errors import OmegaConfBaseException
 from tqdm import tqdm
 from yaml import YAMLError
 
-from xqmap import build, checkpoint, cli, commands
+from xqmap.config import build, cli
 from xqmap.errors import UserError
 from xqmap.explain import decisions_of
-from xqmap.explanations.dialogue import Dialogue, Exchange, scene_line, system_prompt
-from xqmap.explanations.page import page
-from xqmap.explanations.sentences import wording_for
+from xqmap.explanations.dialogue.conversation import Dialogue, Exchange, scene_line, system_prompt
+from xqmap.explanations.views.page import page
+from xqmap.explanations.views.sentences import wording_for
+from xqmap.runs import checkpoint, commands
 
 
 def chat(cfg: DictConfig) -> None:

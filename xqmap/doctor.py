@@ -12,7 +12,7 @@ from importlib.metadata import PackageNotFoundError, version
 
 from omegaconf import DictConfig
 
-from xqmap import cli
+from xqmap.config import cli
 from xqmap.errors import UserError
 
 FIX_VULKAN = "run 'make setup' (it installs Mesa's CPU driver), or install a Vulkan driver: Mesa lavapipe 24.3 or newer does"

@@ -6,8 +6,11 @@ from pathlib import Path
 
 from omegaconf import DictConfig, OmegaConf
 
-from xqmap import checkpoint, cli, commands, doctor, sheets
+from xqmap import doctor
+from xqmap.config import cli
 from xqmap.errors import UserError
+from xqmap.evaluation import sheets
+from xqmap.runs import checkpoint, commands
 
 
 def evaluate(cfg: DictConfig) -> None:

@@ -7,11 +7,13 @@ from pathlib import Path
 from omegaconf import DictConfig
 from tqdm import tqdm
 
-from xqmap import checkpoint, cli, commands
+from xqmap.config import cli
 from xqmap.errors import UserError
-from xqmap.explanations import Decision, plots
-from xqmap.explanations.dialogue import excerpt, saved_conversation
-from xqmap.explanations.page import page
+from xqmap.explanations import Decision
+from xqmap.explanations.dialogue.conversation import excerpt, saved_conversation
+from xqmap.explanations.views import plots
+from xqmap.explanations.views.page import page
+from xqmap.runs import checkpoint, commands
 
 
 def explain(cfg: DictConfig) -> None:

@@ -13,8 +13,11 @@ from omegaconf import DictConfig, OmegaConf
 from torchrl.envs.utils import step_mdp
 from tqdm import tqdm
 
-from xqmap import build, checkpoint, cli, doctor, evaluation, keys
+from xqmap import doctor, keys
+from xqmap.config import build, cli
 from xqmap.errors import UserError
+from xqmap.evaluation import play
+from xqmap.runs import checkpoint
 
 
 def film(cfg: DictConfig) -> None:
@@ -29,7 +32,7 @@ def film(cfg: DictConfig) -> None:
     settings = OmegaConf.merge(run.cfg, {"task": {"env": {"render_mode": "rgb_array"}}})
     assert isinstance(settings, DictConfig)
     env = build.make_env(settings, first_scene=cfg.scene_seed)()
-    choose = evaluation.greedy(run.policy)
+    choose = play.greedy(run.policy)
     beside = out.with_name(f".{out.name}.part.mp4")
     out.parent.mkdir(parents=True, exist_ok=True)
     made, frames, video = 0, 0, None

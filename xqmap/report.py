@@ -8,14 +8,15 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf
 from tqdm import tqdm
 
-from xqmap import cli, results
-from xqmap.checkpoint import write_atomically
+from xqmap.config import cli
 from xqmap.errors import UserError
-from xqmap.explanations import plots
-from xqmap.reports import stories, tables
+from xqmap.evaluation import results, tables
+from xqmap.evaluation.sheets import ALL
+from xqmap.explanations.views import plots
+from xqmap.reports import stories
 from xqmap.reports.page import Report, page
 from xqmap.reports.runs import Run, gather
-from xqmap.sheets import ALL
+from xqmap.runs.checkpoint import write_atomically
 
 FORMATS = ("html", "md", "csv")
 
@@ -58,7 +59,7 @@ def report(cfg: DictConfig) -> None:
         print(f"left out: {path} ({reason})")
     print(f"wrote {out} ({len(written) / 1e6:.1f} MB)")
     if cfg.log is not None:
-        from xqmap.logs import log_page  # imports ManiSkill, which a report does not need
+        from xqmap.trainers.logger import log_page  # imports ManiSkill, which a report does not need
 
         Path(cfg.log).mkdir(parents=True, exist_ok=True)
         print(f"logged it to {log_page(out, Path(cfg.log), str(root), cfg.logger)}")

@@ -14,8 +14,11 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from torch import Tensor
 
-from xqmap import checkpoint, cli, commands, doctor, locks, schema, sheets, sweeping
+from xqmap import doctor
+from xqmap.config import cli, schema
 from xqmap.errors import Stopped, UserError
+from xqmap.evaluation import sheets, sweeps
+from xqmap.runs import checkpoint, commands, locks
 
 Saved = tuple[dict[str, Tensor], dict[str, Any]]
 
@@ -45,7 +48,7 @@ def train(cfg: DictConfig) -> float:
     with locks.alone(directory):
         if sweep:
             print(f"job {HydraConfig.get().job.num}: {directory}")
-            saved = sweeping.saved(directory, cfg)
+            saved = sweeps.saved(directory, cfg)
         if not sweep or saved is None or saved[1]["frames"] < cfg.trainer.frames:
             _train(cfg, directory, saved)
         return _evaluate(cfg, directory, again=not sweep)
@@ -57,11 +60,11 @@ def _evaluate(cfg: DictConfig, directory: Path, again: bool) -> float:
     for sheet in [None, *sheets.chosen(cfg.task.name, cfg.sheets)]:
         run = sheets.applied(trained, sheets.load(cfg.task.name, sheet) if sheet else {})
         path = commands.evaluation_file(directory, sheet)
-        played = None if again else sweeping.evaluated(path, run)
+        played = None if again else sweeps.evaluated(path, run)
         if played:
             print(f"{path} is complete: not played again")
         else:
-            known = None if again else sweeping.baselines(directory.parent, run)
+            known = None if again else sweeps.baselines(directory.parent, run)
             played = commands.evaluate_run(run, run.cfg.evaluation, path, sheet, known)
         means.append(float(played["success"]["mean"]))
     return means[0]
@@ -74,7 +77,7 @@ def _train(cfg: DictConfig, directory: Path, saved: Saved | None) -> None:
         UserError: if training failed.
         Stopped: if a signal ended it.
     """
-    from xqmap.trainer import Trainer  # after the checks: importing the simulator takes seconds
+    from xqmap.trainers.trainer import Trainer  # after the checks: importing the simulator takes seconds
 
     start = time.perf_counter()
     trainer = Trainer(cfg, directory, saved)

@@ -10,8 +10,8 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
+from xqmap.benchmarks.references import plain_heightmap
 from xqmap.envs.heightmap import PixelGrid, heightmap, unproject
-from xqmap.references import plain_heightmap
 
 REFERENCE = Path(__file__).parents[2].parent / "shared" / "data" / "ravens_scene_dev.npz"
 GRID = PixelGrid([[0.0, 1.0], [0.0, 0.5], [0.0, 1.0]], 0.05)

@@ -16,10 +16,11 @@ from hypothesis import strategies as st
 from tensordict import TensorDict
 
 from xqmap.errors import UserError
-from xqmap.explanations import Candidate, Decision, contrast, plots
+from xqmap.explanations import Candidate, Decision, contrast
 from xqmap.explanations.decision import label
 from xqmap.explanations.perception import Scene
-from xqmap.explanations.sentences import listed, number, signed
+from xqmap.explanations.views import plots
+from xqmap.explanations.views.sentences import listed, number, signed
 
 VALUE = st.floats(-2, 2, allow_nan=False).map(lambda v: round(v, 3))
 

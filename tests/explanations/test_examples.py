@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 from tests.explanations.test_decision import made
-from xqmap.explanations import decision, plots
+from xqmap.explanations import decision
+from xqmap.explanations.views import plots
 
 README = Path(__file__).parents[2] / "README.md"
 

@@ -9,7 +9,7 @@ import pytest
 import torch
 from hydra import compose, initialize_config_dir
 
-from xqmap import build, cli
+from xqmap.config import build, cli
 from xqmap.envs.heightmap import PixelGrid, heightmap
 from xqmap.explanations.perception import Perception, Simulator, Vision, agreement
 

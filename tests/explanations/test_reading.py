@@ -11,8 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from xqmap.errors import UserError
-from xqmap.explanations import Decision, plots
-from xqmap.explanations.page import page
+from xqmap.explanations import Decision
+from xqmap.explanations.views import plots
+from xqmap.explanations.views.page import page
 
 GOOD: dict[str, Any] = {
     "task": "landing",

@@ -6,11 +6,11 @@ import pytest
 import torch
 from tensordict import TensorDict
 
+from xqmap.benchmarks.references import plain_unet
+from xqmap.data.symmetry import elements, restore, transform
 from xqmap.models.policy import EpsilonGreedy, GreedyPolicy, masked_argmax, random_action
 from xqmap.models.qmaps import QMaps
-from xqmap.models.symmetry import elements, restore, transform
 from xqmap.models.unet import LocalGeometry, UNet
-from xqmap.references import plain_unet
 
 
 def qmaps(weights: list[float] | None = None) -> QMaps:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import pytest
 import torch
 
-from xqmap import build, checkpoint, keys
+from xqmap import keys
+from xqmap.config import build
 from xqmap.models.policy import masked_argmax
+from xqmap.runs import checkpoint
 
 
 @pytest.mark.sim

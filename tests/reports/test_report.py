@@ -17,13 +17,16 @@ from omegaconf import OmegaConf
 
 from tests.browser import everything_is_drawn, opened, table
 from tests.conftest import toy_settings
+from tests.evaluation.test_results import write_run
 from tests.test_commands import call
-from tests.test_results import write_run
-from xqmap import build, checkpoint, commands, explain, locks, results
+from xqmap import explain
+from xqmap.config import build
+from xqmap.evaluation import results
 from xqmap.explanations import Candidate, Decision
 from xqmap.reports import curves, offline
 from xqmap.reports.runs import Run, gather
-from xqmap.trainer import Trainer
+from xqmap.runs import checkpoint, commands, locks
+from xqmap.trainers.trainer import Trainer
 
 
 @pytest.fixture(scope="module")
@@ -240,7 +243,7 @@ def test_the_page_is_kept_as_a_wandb_run_and_is_no_training(tmp_path: Path) -> N
 
 
 def test_wandb_would_sync_a_run(tmp_path: Path) -> None:
-    from xqmap.logs import Log
+    from xqmap.trainers.logger import Log
 
     log = Log(tmp_path, toy_settings("logger.mode=offline"), ["frames"])
     log.row({"frames": 4})

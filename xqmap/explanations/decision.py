@@ -253,8 +253,8 @@ though color speaks against it (-0.02). If flatness counted 0.02 times as much, 
         return self.at((int(row), int(column)), "")
 
     def sentences(self, wording: Any = None) -> dict[str, Any]:
-        """The decision in words; see :mod:`xqmap.explanations.sentences`."""
-        from xqmap.explanations import sentences
+        """The decision in words; see :mod:`xqmap.explanations.views.sentences`."""
+        from xqmap.explanations.views import sentences
 
         return sentences.write(self, wording)
 

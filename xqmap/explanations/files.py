@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from xqmap.checkpoint import write_atomically
 from xqmap.errors import UserError
 from xqmap.explanations import contrast
 from xqmap.explanations.decision import Candidate, Decision
 from xqmap.explanations.perception import Scene
 from xqmap.explanations.reading import parse
+from xqmap.runs.checkpoint import write_atomically
 
 # Larger files are not ours; bytes, before and after decompression.
 _LARGEST_FILE = 50_000_000

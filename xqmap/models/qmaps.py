@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from xqmap import keys
-from xqmap.models.symmetry import elements, restore, transform
+from xqmap.data.symmetry import elements, restore, transform
 from xqmap.models.unet import LocalGeometry, UNet
 
 # Of the widest layers, in cells: about what a processor's cache holds.

@@ -14,11 +14,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from xqmap import results
-from xqmap.explanations.plots import PALETTE, STYLE
-from xqmap.reports import tables
+from xqmap.evaluation import results, tables
+from xqmap.evaluation.results import Row
+from xqmap.explanations.views.plots import PALETTE, STYLE
 from xqmap.reports.runs import Run
-from xqmap.results import Row
 
 # Places along a curve; more than a screen's width would show.
 POINTS = 200

@@ -8,11 +8,11 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from xqmap import results
-from xqmap.evaluation_file import is_number
-from xqmap.reports import markup, tables
+from xqmap.evaluation import results, tables
+from xqmap.evaluation.file import is_number
+from xqmap.evaluation.results import Row, shown
+from xqmap.reports import markup
 from xqmap.reports.runs import Run
-from xqmap.results import Row, shown
 
 
 def runs(every: Sequence[Run]) -> str:

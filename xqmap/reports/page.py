@@ -9,10 +9,10 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from xqmap import results
-from xqmap.reports import curves, facts, markup, stories, tables
+from xqmap.evaluation import results, tables
+from xqmap.evaluation.results import Row
+from xqmap.reports import curves, facts, markup, stories
 from xqmap.reports.runs import Run
-from xqmap.results import Row
 
 _HERE = Path(__file__).parent
 # Nothing may be fetched: not even by what a run's file smuggles into the page.

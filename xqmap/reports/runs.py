@@ -13,10 +13,11 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from xqmap import locks, results
+from xqmap.evaluation import results
+from xqmap.evaluation.results import Result
 from xqmap.reports import offline
 from xqmap.reports.offline import Logged
-from xqmap.results import Result
+from xqmap.runs import locks
 
 
 @dataclass
@@ -105,7 +106,7 @@ def gather(root: Path, found: Sequence[Result]) -> tuple[list[Run], dict[Path, s
 
     Args:
         root: where to look.
-        found: the evaluations under ``root`` (:func:`xqmap.results.collect`).
+        found: the evaluations under ``root`` (:func:`xqmap.evaluation.results.collect`).
 
     Returns:
         The runs in the order of their names, and ``{path: why}`` of what was left out.

@@ -7,9 +7,10 @@ from html import escape
 from pathlib import Path
 
 from xqmap.errors import UserError
-from xqmap.explanations import Decision, plots
-from xqmap.explanations.dialogue import excerpt, saved_conversation
-from xqmap.explanations.sentences import number, signed
+from xqmap.explanations import Decision
+from xqmap.explanations.dialogue.conversation import excerpt, saved_conversation
+from xqmap.explanations.views import plots
+from xqmap.explanations.views.sentences import number, signed
 from xqmap.reports import markup
 from xqmap.reports.runs import Run
 

@@ -1,0 +1,1 @@
+"""Fast paths beside plain ones, and what the program survives."""

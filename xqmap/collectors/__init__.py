@@ -1,0 +1,1 @@
+"""Who makes the decisions that training learns from."""

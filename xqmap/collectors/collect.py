@@ -1,0 +1,173 @@
+"""Who makes the decisions that training learns from: one simulator in this process, worker processes, or machines of a Ray cluster.
+
+All of it is torchrl's own; this file only says what a worker builds, and turns a worker's end into one clear line.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from functools import partial
+from importlib.util import find_spec
+from typing import Any
+
+import torch
+from omegaconf import DictConfig
+from tensordict import TensorDict, TensorDictBase
+from tensordict.nn import TensorDictModuleBase, TensorDictSequential
+from torchrl.collectors import Collector
+from torchrl.collectors._base import BaseCollector
+from torchrl.weight_update import MultiProcessWeightSyncScheme
+
+from xqmap import keys
+from xqmap.config import build
+from xqmap.envs.maniskill import ManiSkillEnv
+from xqmap.errors import UserError, WorkerLost, brief
+from xqmap.evaluation.play import SCENES_PER_TRAINING, training_scenes
+from xqmap.models.policy import GreedyPolicy
+
+# Seconds that workers may take to say that they have their new weights.
+_PATIENCE = 60.0
+
+
+def collector(cfg: DictConfig, env: ManiSkillEnv, policy: TensorDictModuleBase, made: int) -> BaseCollector:
+    """What yields batches of decisions, as ``cfg.collector`` says.
+
+    Args:
+        cfg: validated settings.
+        env: the simulator of this process, the one that ``collector=single`` steps.
+        policy: greedy choice and exploration, as learned here.
+        made: decisions made so far: workers start at scenes that no earlier decision can have reached.
+    """
+    settings = cfg.collector
+    if settings.name == "single":
+        return Collector(env, policy, frames_per_batch=settings.frames_per_batch, total_frames=-1, trust_policy=True)
+    apart = SCENES_PER_TRAINING // settings.workers
+    envs = [_Worker(build.make_env(cfg, training_scenes(cfg.seed) + i * apart + made)) for i in range(settings.workers)]
+    policies = [partial(_policy, cfg, env.grid.pixel_size, i * apart + made) for i in range(settings.workers)]
+    # The trainer ends the collection: to Ray, -1 would mean no frames at all.
+    shared: dict[str, Any] = {"total_frames": 2**62, "trust_policy": True}
+    processes: dict[str, Any] = {"backend": "process", "policy_factory": policies, "policy_device": "cpu"}
+    if settings.name == "ordered":
+        synced = {"policy": _Acknowledged()}
+        frames = settings.frames_per_batch * settings.workers
+        return Collector(envs, policy, sync=True, frames_per_batch=frames, weight_sync_schemes=synced, **processes, **shared)
+    shared |= {"frames_per_batch": settings.frames_per_batch, "sync": False}
+    # Whole episodes, so that what is logged and learned never mixes two workers' decisions.
+    whole = {"trajs_per_batch": settings.episodes_per_batch, "traj_format": "cat"}
+    if settings.name == "ray":
+        if find_spec("ray") is None:
+            raise UserError("collector=ray needs the package ray: pip install 'xqmap[ray]'")
+        remote = {"num_cpus": 1, "num_gpus": 0}
+        kwargs = [dict(whole) for _ in envs]
+        try:
+            return Collector(envs, backend="ray", policy_factory=policies, collector_kwargs=kwargs, remote_configs=remote, **shared)
+        except Exception as error:  # Ray's are of no common kind
+            fix = "see that RAY_ADDRESS names a cluster, or is not set"
+            raise UserError(f"collector=ray: no worker starts ({brief(error)}): {fix}") from error
+    # Not waiting for an answer: a worker that died would never give one.
+    synced = {"policy": _Unheard(sync=False)}
+    return Collector(envs, policy, weight_sync_schemes=synced, **processes, **whole, **shared)
+
+
+class _Unheard(MultiProcessWeightSyncScheme):
+    """Does not wait, at its end, until a worker has read what it was sent: one that died never will."""
+
+    def shutdown(self) -> None:
+        for queues in (self._weight_init_queues, self._instruction_queues, self._ack_queues):
+            for queue in queues.values():
+                queue.cancel_join_thread()
+        super().shutdown()
+
+
+class _Acknowledged(_Unheard):
+    """Goes on when every worker has its new weights; or, if one has died and never will, when collecting finds that out."""
+
+    def _wait_for_ack(self, worker_ids: int | list[int] | None = None, timeout: float | None = _PATIENCE) -> None:
+        super()._wait_for_ack(worker_ids, timeout)
+
+
+def batches(source: BaseCollector, settings: DictConfig) -> Iterator[TensorDictBase]:
+    """The batches of ``source``, which :func:`collector` made of the same ``settings`` (``cfg.collector``).
+
+    Raises:
+        WorkerLost: if a worker came to an end.
+    """
+    if settings.name == "single":
+        yield from source
+        return
+    try:
+        yield from _in_order(source, settings.episodes_per_batch) if settings.name == "ordered" else source
+    except UserError:
+        raise
+    except Exception as error:  # Ray's are of no common kind
+        raise WorkerLost(f"a worker process ended unexpectedly ({brief(error)})") from error
+
+
+def _in_order(source: BaseCollector, episodes: int) -> Iterator[TensorDictBase]:
+    """Whole episodes by worker and time: torchrl numbers and sorts them by who came first."""
+    ended: list[TensorDictBase] = []
+    under_way: list[list[TensorDictBase]] = []
+    for batch in source:
+        under_way = under_way or [[] for _ in batch]
+        for steps, episode in zip(batch.clone(), under_way, strict=True):
+            for step in steps.split(1):
+                episode.append(step)
+                if bool(step["next", keys.DONE]):
+                    ended.append(torch.cat(episode))
+                    episode.clear()
+        while len(ended) >= episodes:
+            yield torch.cat(ended[:episodes])
+            del ended[:episodes]
+
+
+def share(source: BaseCollector, policy: TensorDictModuleBase) -> None:
+    """Sends the present weights, and how far exploration has come, to the workers."""
+    # A copy, since the next update may begin before it has arrived; in plain memory order, which is all that Ray's transport takes.
+    weights = TensorDict.from_module(policy).data.cpu()
+    source.update_policy_weights_(weights.apply(partial(torch.clone, memory_format=torch.contiguous_format)))
+
+
+def close(source: BaseCollector, alone: bool) -> None:
+    """Ends the workers; the simulator of this process (``alone``) stays open."""
+    source.shutdown(**({"close_env": False} if alone else {}))
+
+
+class _Worker:
+    """Builds the environment where it is called. An interrupt at the keyboard reaches every process: the trainer alone answers it.
+
+    What fails there is told there, in one line, and ends the process: raised, it would be told with all its stacks.
+    """
+
+    def __init__(self, make: Callable[[], ManiSkillEnv]) -> None:
+        self.make = make
+
+    def __call__(self) -> ManiSkillEnv:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        # The processors belong to the other workers and to the updates.
+        os.environ.setdefault("LP_NUM_THREADS", "1")
+        torch.set_num_threads(1)
+        env = self.make()
+        for name in ("_reset", "_step"):
+            setattr(env, name, partial(_or_end, getattr(env, name)))
+        return env
+
+
+def _or_end(act: Callable[..., TensorDictBase], *args: Any, **kwargs: Any) -> TensorDictBase:
+    try:
+        return act(*args, **kwargs)
+    except UserError as error:
+        print(f"error in a worker: {error}", file=sys.stderr, flush=True)
+        os._exit(1)
+
+
+def _policy(cfg: DictConfig, pixel_size: float, seed: int) -> TensorDictModuleBase:
+    """A worker's own copy of the policy, on its processor, with random numbers of its own."""
+    cfg = cfg.copy()
+    cfg.device = "cpu"
+    exploration = build.exploration(cfg)
+    exploration.generator.manual_seed((cfg.seed * SCENES_PER_TRAINING + seed) % 2**63)
+    network = build.qmaps(cfg, pixel_size).to(memory_format=torch.contiguous_format)
+    return TensorDictSequential(GreedyPolicy(network), exploration).requires_grad_(False)

@@ -1,0 +1,157 @@
+"""From settings to objects: the only caller of ``hydra.utils.instantiate``, and the one place where networks get their sizes."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import torch
+from hydra.errors import InstantiationException
+from hydra.utils import instantiate
+from omegaconf import DictConfig, OmegaConf
+
+from xqmap.data.replay import Replay
+from xqmap.data.samplers import PrioritySampler
+from xqmap.envs.maniskill import ManiSkillEnv
+from xqmap.errors import UserError
+from xqmap.explanations.dialogue.llm import LanguageModel, OpenAICompatible
+from xqmap.explanations.perception import Perception
+from xqmap.models.policy import EpsilonGreedy
+from xqmap.models.qmaps import QMaps
+from xqmap.models.unet import LocalGeometry, UNet
+from xqmap.objectives import DecomposedDQNLoss
+
+# A run directory of a stranger can name any callable: only these packages are ever called.
+TRUSTED = ("tasks.", "xqmap.")
+
+
+def device(cfg: DictConfig) -> torch.device:
+    """The device the networks live on."""
+    if cfg.device == "auto":
+        return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    if cfg.device == "cuda" and not torch.cuda.is_available():
+        raise UserError("device=cuda, but torch sees no GPU: set device=cpu or device=auto")
+    return torch.device(cfg.device)
+
+
+def bf16(cfg: DictConfig) -> bool:
+    """Whether updates run in bfloat16: where asked for, or where the machine multiplies it natively."""
+    if cfg.trainer.precision != "auto":
+        return bool(cfg.trainer.precision == "bf16")
+    if device(cfg).type == "cuda":
+        return torch.cuda.is_bf16_supported()
+    return bool(torch.cpu._is_avx512_bf16_supported())
+
+
+def task(cfg: DictConfig) -> Any:
+    """The world of ``cfg.task.env`` with the task's weights.
+
+    Raises:
+        UserError: if its ``_target_`` is not a world of our own packages, or refuses a setting.
+    """
+    return _trusted(cfg.task.env, "task.env", "REWARD_COMPONENTS", weights=dict(cfg.task.weights))
+
+
+def perception(settings: DictConfig) -> Perception:
+    """What names the objects of a scene; see ``conf/explain/perception``.
+
+    Raises:
+        UserError: if its ``_target_`` is not a perception of our own packages, or refuses a setting.
+    """
+    return _trusted(settings, "perception", "__call__")
+
+
+def make_env(cfg: DictConfig, first_scene: int) -> Callable[[], ManiSkillEnv]:
+    """A function that builds the environment where it is called: in this process or in a worker."""
+    return partial(ManiSkillEnv, partial(task, cfg), first_scene=first_scene, limit=cfg.trainer.decision_limit)
+
+
+def qmaps(cfg: DictConfig, pixel_size: float) -> QMaps:
+    """The K untrained U-Nets of ``cfg.method`` and ``cfg.qnet``, for cells of ``pixel_size`` metres."""
+    return _untrained(cfg, pixel_size).to(device(cfg), memory_format=torch.channels_last)
+
+
+def shapes(cfg: DictConfig, pixel_size: float) -> dict[str, torch.Size]:
+    """The shapes of the tensors of :func:`qmaps`, by name, found without taking memory for them."""
+    with torch.device("meta"):
+        return {name: tensor.shape for name, tensor in _untrained(cfg, pixel_size).state_dict().items()}
+
+
+def _untrained(cfg: DictConfig, pixel_size: float) -> QMaps:
+    stem = LocalGeometry(pixel_size, cfg.qnet.height_scale, list(cfg.qnet.plane_windows), cfg.qnet.surroundings, cfg.qnet.slope_scale)
+    unet = partial(UNet, width=cfg.qnet.width, depth=cfg.qnet.depth)
+    # A task whose transitions may be turned and mirrored is decided on from all sides, too.
+    return QMaps(cfg.method.components, stem, unet, cfg.method.weights, symmetric=cfg.replay.augment)
+
+
+def replay(cfg: DictConfig) -> Replay:
+    """The empty replay buffer of ``cfg.replay``; next states are kept where ``loss.gamma`` needs them."""
+    kept = cfg.replay
+    sampler = PrioritySampler(kept.capacity, kept.alpha, kept.beta_init, kept.beta_end) if kept.alpha > 0 else None
+    return Replay(kept.capacity, cfg.trainer.batch_size, kept.augment, cfg.loss.gamma > 0, cfg.seed, kept.on_disk, sampler)
+
+
+def exploration(cfg: DictConfig) -> EpsilonGreedy:
+    """ε-greedy around the greedy policy, with a generator of its own."""
+    return EpsilonGreedy(**cfg.exploration, seed=cfg.seed)
+
+
+def loss(cfg: DictConfig, network: QMaps) -> DecomposedDQNLoss:
+    """The TD loss of ``cfg.method`` and ``cfg.loss``, its keys and estimator set."""
+    module = DecomposedDQNLoss(
+        network,
+        components=cfg.method.components,
+        double_dqn=cfg.loss.double_dqn,
+        loss_function=cfg.loss.loss_function,
+        shared_argmax=cfg.method.shared_argmax,
+        windowed=cfg.loss.windowed,
+    )
+    module.set_keys(reward=cfg.method.reward_key)
+    module.make_value_estimator(gamma=cfg.loss.gamma)
+    return module
+
+
+def language_model(settings: DictConfig) -> LanguageModel | None:
+    """What answers beside the templates: None for ``llm=template``."""
+    if settings.name == "template":
+        return None
+    return OpenAICompatible(**{str(name): value for name, value in settings.items() if name != "name"})
+
+
+def _trusted(settings: Any, where: str, offers: str, **extra: Any) -> Any:
+    """Builds the one class that ``settings`` name: of a trusted package, defined where it is named, with the attribute ``offers``."""
+    content = OmegaConf.to_container(settings, resolve=True) if OmegaConf.is_config(settings) else settings
+    if not isinstance(content, dict) or not isinstance(content.get("_target_"), str):
+        raise UserError(f"{where} names no _target_: give a class of {' or '.join(name + '*' for name in TRUSTED)}")
+    target = content["_target_"]
+    inner = [name for name, value in content.items() for name in _targets(value)]
+    for name in (target, *inner):
+        if not name.startswith(TRUSTED):
+            raise UserError(f"{where} names {name!r}: only {' and '.join(name + '*' for name in TRUSTED)} are run")
+    if inner:
+        raise UserError(f"{where} names {inner[0]!r} inside its settings: only its own _target_ is run")
+    module, _, name = target.rpartition(".")
+    try:
+        found = getattr(importlib.import_module(module), name, None)
+    except ImportError as error:
+        raise UserError(f"{where} names {target!r}: {error}") from None
+    # Not whatever a module happens to import: 'xqmap.config.cli.shutil.rmtree' begins with a trusted name, too.
+    if not isinstance(found, type) or found.__module__ != module or not hasattr(found, offers):
+        raise UserError(f"{where} names {target!r}, which is not a class of that module with {offers}")
+    try:
+        return instantiate(content, **extra, _convert_="all", _recursive_=False)
+    except InstantiationException as error:
+        if isinstance(error.__cause__, ValueError | TypeError | OverflowError):
+            raise UserError(f"{where}: {error.__cause__}") from None
+        raise
+
+
+def _targets(settings: Any) -> list[str]:
+    if isinstance(settings, dict):
+        own = [str(settings["_target_"])] if "_target_" in settings else []
+        return own + [target for value in settings.values() for target in _targets(value)]
+    if isinstance(settings, list):
+        return [target for value in settings for target in _targets(value)]
+    return []

@@ -1,0 +1,1 @@
+"""Transitions: kept, drawn, turned and mirrored."""

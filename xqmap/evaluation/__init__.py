@@ -1,0 +1,1 @@
+"""How good a policy is: played, compared, counted and laid out in tables."""

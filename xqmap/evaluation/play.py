@@ -1,0 +1,180 @@
+"""Plays a policy, and the baselines it is held against, on scenes nobody trained on."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import numpy as np
+import torch
+from matplotlib.path import Path as Outline
+from tensordict import TensorDictBase
+from tensordict.nn import TensorDictModuleBase
+from torchrl.envs.utils import step_mdp
+from tqdm import tqdm
+
+from xqmap import keys
+from xqmap.envs.maniskill import ManiSkillEnv
+from xqmap.evaluation.statistics import success
+from xqmap.models.policy import random_action
+
+# Scenes of one run are this far apart, so that seeds 0 … 9999 never share one; training starts at TRAINING_SCENES.
+SCENES_APART = 10_000
+TRAINING_SCENES = 1_000_000_000
+SCENES_PER_TRAINING = 1_000_000
+# Two rewards that differ by less are the same.
+SAME_REWARD = 1e-4
+
+Chooser = Callable[[TensorDictBase, ManiSkillEnv, torch.Generator], int]
+
+
+def training_scenes(seed: int) -> int:
+    """The first scene of a training with this seed: no evaluation scene, and none of another training's."""
+    return TRAINING_SCENES + seed * SCENES_PER_TRAINING
+
+
+def greedy(policy: TensorDictModuleBase) -> Chooser:
+    """The policy's own choice."""
+
+    def choose(state: TensorDictBase, env: ManiSkillEnv, generator: torch.Generator) -> int:
+        with torch.no_grad():
+            return int(policy(state.select(keys.HEIGHTMAP, keys.ACTION_MASK))[keys.ACTION])
+
+    return choose
+
+
+def random_pixel(state: TensorDictBase, env: ManiSkillEnv, generator: torch.Generator) -> int:
+    """Any allowed cell."""
+    return int(random_action(state[keys.HEIGHTMAP][3].flatten(), state[keys.ACTION_MASK], None, generator))
+
+
+def random_object(state: TensorDictBase, env: ManiSkillEnv, generator: torch.Generator) -> int:
+    """The middle of a random object, as the world knows it; any cell where there is no object."""
+    (x0, x1), (y0, y1), _ = env.grid.bounds
+    centres = [np.asarray(thing.footprint).mean(0) for thing in env.task.scene_objects()]
+    inside = [centre for centre in centres if x0 <= centre[0] < x1 and y0 <= centre[1] < y1]
+    if not inside:
+        return random_pixel(state, env, generator)
+    return env.action_at(inside[int(torch.randint(len(inside), (), generator=generator))])
+
+
+def highest_cell(state: TensorDictBase, env: ManiSkillEnv, generator: torch.Generator) -> int:
+    """The highest allowed cell."""
+    return int(state[keys.HEIGHTMAP][3].flatten().masked_fill(~state[keys.ACTION_MASK], -torch.inf).argmax())
+
+
+def oracle(state: TensorDictBase, env: ManiSkillEnv, generator: torch.Generator) -> int:
+    """The cell of the world's own best point."""
+    return env.action_at(env.task.oracle_point())
+
+
+BASELINES: dict[str, Chooser] = {
+    "random pixel": random_pixel,
+    "random object": random_object,
+    "highest cell": highest_cell,
+    "oracle": oracle,
+}
+
+
+def object_at(point: Any, things: Iterable[Any], background: str) -> str:
+    """The name of the highest of the world's objects (``SceneObject``) at a point ``[≥2]`` (m), or of the background."""
+    x, y = float(point[0]), float(point[1])
+    here = [thing for thing in things if Outline(np.asarray(thing.footprint)).contains_point((x, y))]
+    return max(here, key=lambda thing: thing.top).name if here else background
+
+
+def play(
+    choose: Chooser,
+    env: ManiSkillEnv,
+    seed: int,
+    choices: int,
+    until: dict[str, float] | None,
+    confusion: Counter[tuple[str, str]] | None = None,
+) -> dict[str, Any]:
+    """One evaluation run: scene after scene until the choices are made or a sub-reward has summed up.
+
+    Args:
+        choose: picks the cell.
+        env: the world; its scenes are set here.
+        seed: of the run; scene i has the seed ``seed + 10000 · i``.
+        choices: the most choices.
+        until: sums of sub-rewards, by component, any of which ends the run; None for no such end.
+        confusion: counts, where given, the (object chosen, object best) of each choice. A choice of the highest reward is its own best;
+            otherwise the best is what the world's oracle would have taken.
+
+    Returns:
+        ``{"seed", "choices", "correct", "regret", "components": {name: mean}}``: a choice is correct when its reward is the highest
+        available in that state; regret is the mean of highest available − taken.
+    """
+    generator = torch.Generator().manual_seed(seed)
+    until = until or {}
+    sums = torch.zeros(len(env.components))
+    correct, regret, made, scene = 0, 0.0, 0, seed
+    while made < choices:
+        env.next_scene, scene = scene, scene + SCENES_APART
+        state, done = env.reset(), False
+        while not done and made < choices:
+            state[keys.ACTION] = torch.tensor(choose(state, env, generator))
+            names = _chosen_and_best(env, state[keys.ACTION]) if confusion is not None else None
+            state = env.step(state)
+            result = state["next"]
+            gap = float(result[keys.REWARD_AVAILABLE] - result[keys.REWARD])
+            correct, regret, made = correct + (gap < SAME_REWARD), regret + gap, made + 1
+            if confusion is not None and names is not None:
+                confusion[names[0], names[0] if gap < SAME_REWARD else names[1]] += 1
+            sums += result[keys.REWARD_COMPONENTS]
+            if any(float(sums[env.components.index(name)]) >= total - SAME_REWARD for name, total in until.items()):
+                choices = made
+            done, state = bool(result[keys.DONE]), step_mdp(state)
+    components = {name: float(total) / max(1, made) for name, total in zip(env.components, sums, strict=True)}
+    return {"seed": seed, "choices": made, "correct": correct, "regret": regret / max(1, made), "components": components}
+
+
+def _chosen_and_best(env: ManiSkillEnv, action: torch.Tensor) -> tuple[str, str]:
+    things, background = env.task.scene_objects(), env.task.BACKGROUND
+    chosen, best = (object_at(point, things, background) for point in (env.point(action), env.task.oracle_point()))
+    return chosen, best
+
+
+def evaluate(
+    policy: TensorDictModuleBase, env: ManiSkillEnv, seeds: list[int], choices: int, until: dict[str, float] | None, baselines: bool
+) -> dict[str, Any]:
+    """The policy and, where asked for, the baselines on the same scenes.
+
+    Returns:
+        The part of ``evaluation.json`` that playing decides: ``runs``, ``success``, ``confusion`` (of the policy:
+        ``{chosen: {best: count}}``), ``baselines``.
+    """
+    choosers = {"policy": greedy(policy)} | (BASELINES if baselines else {})
+    table: dict[str, list[dict[str, Any]]] = {}
+    pairs: Counter[tuple[str, str]] = Counter()
+    with tqdm(total=len(choosers) * len(seeds), unit="run", desc="evaluating", mininterval=1.0) as bar:
+        for name, choose in choosers.items():
+            table[name] = []
+            bar.set_postfix_str(name)
+            for seed in seeds:
+                table[name].append(play(choose, env, seed, choices, until, pairs if name == "policy" else None))
+                bar.update()
+    return {
+        "runs": table["policy"],
+        "success": success(table["policy"]),
+        "confusion": {chosen: {b: n for (c, b), n in sorted(pairs.items()) if c == chosen} for chosen in sorted({c for c, _ in pairs})},
+        "baselines": {name: success(runs) | {"regret": _mean_regret(runs)} for name, runs in table.items() if name != "policy"},
+    }
+
+
+def _mean_regret(runs: list[dict[str, Any]]) -> float:
+    return sum(run["regret"] * run["choices"] for run in runs) / max(1, sum(run["choices"] for run in runs))
+
+
+def table(result: dict[str, Any]) -> str:
+    """``evaluation.json`` as the lines a person reads."""
+    rows = [(result["method"], result["success"], _mean_regret(result["runs"]))]
+    rows += [(name, row, row["regret"]) for name, row in result["baselines"].items()]
+    lines = [f"{result['task']}: best choices ÷ choices on {len(result['runs'])} seeds never trained on"]
+    lines.append(f"{'':<15}{'best choices':>14}{'± over runs':>13}{'95 % interval':>19}{'choices':>9}{'regret':>9}")
+    for name, row, regret in rows:
+        low, high = row["ci95"]
+        lines.append(f"{name:<15}{row['mean']:>13.1%} {row['std']:>12.1%}{f'{low:.1%} – {high:.1%}':>19}{row['choices']:>9}{regret:>9.3f}")
+    return "\n".join(lines)

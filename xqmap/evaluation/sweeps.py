@@ -1,0 +1,79 @@
+"""Many trainings from one command: what of it is already done, and the table at its end."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from hydra.experimental.callback import Callback
+from omegaconf import DictConfig, OmegaConf
+from torch import Tensor
+
+from xqmap.errors import UserError
+from xqmap.evaluation import results, tables
+from xqmap.runs import checkpoint, commands
+
+# Settings that no trained weight depends on.
+_BESIDE = ("evaluation", "sheets", "device", "threads", "resume", "logger")
+
+
+class Table(Callback):
+    """After a sweep (Hydra's ``-m``) one table over its runs: printed, and beside them as ``table.txt``, ``table.md`` and ``table.csv``."""
+
+    def on_multirun_end(self, config: DictConfig, **kwargs: Any) -> None:
+        """Reads every evaluation in the sweep's directory."""
+        directory = Path(config.hydra.sweep.dir)
+        found, unread = results.collect(directory)
+        rows = results.table(found, results.paper_figures())
+        written = {"table.txt": tables.text(rows) + "\n", "table.md": tables.markdown(rows), "table.csv": tables.comma_separated(rows)}
+        for name, content in written.items():
+            checkpoint.write_atomically(directory / name, content.encode())
+        print(tables.text(rows))
+        for path, why in unread.items():
+            print(f"not in the table: {path} ({why})")
+        print(f"wrote {', '.join(written)} to {directory}")
+
+
+def saved(directory: Path, cfg: DictConfig) -> tuple[dict[str, Tensor], dict[str, Any]] | None:
+    """What this training goes on from in ``directory``; None where it has not got to its first checkpoint.
+
+    Raises:
+        UserError: if what is there was trained with other settings.
+    """
+    if not checkpoint.trainings(directory):
+        return None
+    found = checkpoint.read_training(directory)
+    before, now = (results.flat(OmegaConf.to_container(c, resolve=True)) for c in (checkpoint.settings(found[1], directory), cfg))
+    names = [name for name in results.differing([before, now]) if name.split(".")[0] not in _BESIDE]
+    if names:
+        was, told = (results.shown(settings.get(names[0])) for settings in (before, now))
+        raise UserError(f"{directory} holds a run with {names[0]}={was}, not {told}: choose another hydra.sweep.dir, or take it away")
+    return found
+
+
+def evaluated(path: Path, run: checkpoint.Run) -> dict[str, Any] | None:
+    """The evaluation in ``path``, if it is complete and of these weights under these settings."""
+    content = _of_these_scenes(path, run)
+    return content if content and content["weights_sha256"] == run.sha256 else None
+
+
+def baselines(sweep: Path, run: checkpoint.Run) -> tuple[str, dict[str, Any]] | None:
+    """What another job of the sweep found for the baselines in the same scenes, and in which file; None where none has played them.
+
+    No policy changes them: played once, they stand in every job's evaluation.
+    """
+    for path in sorted(sweep.glob("*/evaluation*.json")):
+        content = _of_these_scenes(path, run)
+        if content and content["baselines"] and content["versions"] == checkpoint.versions():
+            return content.get("baselines_from", str(path.relative_to(sweep))), content["baselines"]
+    return None
+
+
+def _of_these_scenes(path: Path, run: checkpoint.Run) -> dict[str, Any] | None:
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        same = content["task"] == run.cfg.task.name and content["settings"] == commands.settings_of(run.cfg, run.cfg.evaluation)
+        return content if same and {"weights_sha256", "baselines", "versions"} <= content.keys() else None
+    except (OSError, ValueError, KeyError, TypeError):
+        return None

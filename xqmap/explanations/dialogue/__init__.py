@@ -1,0 +1,1 @@
+"""Questions about a decision, and their answers."""

@@ -1,0 +1,1 @@
+"""A decision as pictures, charts, sentences and a page."""

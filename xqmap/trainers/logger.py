@@ -1,0 +1,230 @@
+"""Where numbers go while training runs: ``metrics.csv``, and an offline wandb run beside it."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import io
+import logging
+import math
+import os
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import torch
+from omegaconf import DictConfig, OmegaConf
+from tensordict import TensorDict, TensorDictBase
+from torch import Tensor
+
+from xqmap import keys
+from xqmap.errors import UserError, brief
+from xqmap.evaluation.play import SAME_REWARD
+from xqmap.runs.checkpoint import write_atomically
+
+_logger = logging.getLogger(__name__)
+_QUIET: dict[str, Any] = {"x_disable_stats": True, "console": "off", "silent": True}
+
+
+class Log:
+    """Writes each row of metrics to ``metrics.csv`` and to wandb.
+
+    Args:
+        directory: the run directory.
+        cfg: the whole configuration; ``cfg.logger.mode`` is offline, online or disabled.
+        columns: the metrics' names, with ``/`` between group and component.
+        after: rows of an earlier part of this run up to this ``frames`` are kept.
+        wandb_id: of the run to go on with; None for a new one.
+    """
+
+    def __init__(self, directory: Path, cfg: DictConfig, columns: list[str], after: int = 0, wandb_id: str | None = None) -> None:
+        self.columns = columns
+        path = directory / "metrics.csv"
+        kept = io.StringIO(newline="")
+        writer = csv.DictWriter(kept, columns)
+        writer.writeheader()
+        writer.writerows(_rows(path, columns, after) if after else [])
+        write_atomically(path, kept.getvalue().encode())
+        self._file = open(path, "a", newline="", encoding="utf-8")  # noqa: SIM115 (lives as long as the log)
+        self._csv = csv.DictWriter(self._file, columns)
+        self._wandb: Any = None
+        self.wandb_id = wandb_id
+        if cfg.logger.mode != "disabled":
+            self._start_wandb(directory, cfg)
+
+    def _start_wandb(self, directory: Path, cfg: DictConfig) -> None:
+        with _starting(directory, cfg.logger.mode, "logger.mode=disabled does without") as wandb:
+            from torchrl.record.loggers.wandb import WandbLogger
+
+            self._wandb = WandbLogger(
+                exp_name=directory.name,
+                offline=cfg.logger.mode == "offline",
+                save_dir=str(directory),
+                project=cfg.logger.project,
+                id=self.wandb_id,
+                log_env_packages=False,
+                config=OmegaConf.to_container(cfg, resolve=True),
+                settings=wandb.Settings(**_QUIET),
+            )
+        self.wandb_id = self._wandb.experiment.id
+
+    def row(self, values: dict[str, float]) -> None:
+        """One step's metrics; must hold ``frames``. What is not known yet stays empty."""
+        known = {name: value for name, value in values.items() if math.isfinite(value)}
+        self._csv.writerow(known)
+        self._file.flush()
+        self._to_wandb(lambda experiment: experiment.log(known, step=int(values["frames"])))
+
+    def picture(self, name: str, path: Path, frames: int) -> None:
+        """A picture file, into wandb."""
+
+        def send(experiment: Any) -> None:
+            import wandb
+
+            experiment.log({name: wandb.Image(str(path))}, step=frames)
+
+        self._to_wandb(send)
+
+    def close(self) -> None:
+        """Ends the wandb run, so that the next one in this process gets an id of its own."""
+        self._file.close()
+        self._to_wandb(lambda experiment: experiment.finish())
+
+    def _to_wandb(self, act: Callable[[Any], Any]) -> None:
+        """Training does not end because its log does: wandb is left out from its first failure on."""
+        if self._wandb is None:
+            return
+        try:
+            act(self._wandb.experiment)
+        except Exception as error:
+            self._wandb = None
+            _forget_wandb()
+            _logger.warning("wandb failed (%s: %s); training goes on, metrics.csv has every row", type(error).__name__, brief(error))
+
+
+def _forget_wandb() -> None:
+    """Lets the next training of this process begin with a wandb process of its own; the present one may be gone."""
+    import wandb
+
+    for end in (lambda: wandb.run and wandb.run.finish(), wandb.teardown):
+        with contextlib.suppress(Exception):
+            end()
+
+
+def log_page(page: Path, directory: Path, source: str, settings: DictConfig) -> Path:
+    """Keeps an HTML page as a wandb run of its own under ``directory``; returns the run's folder, which ``wandb sync`` sends.
+
+    Args:
+        page: the file.
+        directory: an existing one.
+        source: what the page is about; ``report`` in the run's config, by which it is known from a training.
+        settings: ``mode`` and ``project``, as of a training's log.
+
+    Raises:
+        UserError: if wandb does not start.
+    """
+    with _starting(directory, settings.mode, f"the page is in {page}") as wandb:
+        run = wandb.init(
+            mode=settings.mode,
+            dir=str(directory),
+            project=settings.project,
+            name=page.stem,
+            config={"report": source},
+            settings=wandb.Settings(**_QUIET),
+        )
+    run.log({"report": wandb.Html(str(page), inject=False)})
+    run.finish()
+    return Path(run.dir).parent
+
+
+@contextlib.contextmanager
+def _starting(directory: Path, mode: str, otherwise: str) -> Iterator[Any]:
+    """The module, told to keep to itself and to ``directory`` before it is imported, while a run of it begins.
+
+    Raises:
+        UserError: if it does not; the line ends with what there is ``otherwise``.
+    """
+    os.environ.setdefault("WANDB_ERROR_REPORTING", "false")
+    os.environ.setdefault("WANDB_DATA_DIR", str(directory / "wandb"))
+    import wandb
+
+    try:
+        yield wandb
+    except Exception as error:  # of its own, of pydantic, of the system
+        _forget_wandb()
+        raise UserError(f"logger.mode={mode}: wandb does not start ({brief(error)}); {otherwise}") from None
+
+
+def _rows(path: Path, columns: list[str], after: int) -> list[dict[str, str]]:
+    """The whole rows of an earlier part of the run; one that a crash cut off is left out."""
+    if not path.exists():
+        return []
+    with open(path, newline="", encoding="utf-8", errors="replace") as file:
+        rows = [row for row in csv.DictReader(file) if list(row) == columns and None not in row.values()]
+    return [row for row in rows if row["frames"] and float(row["frames"]) <= after]
+
+
+class Tracker:
+    """What the training's own decisions say: success, returns and the bias of Q, by component.
+
+    Args:
+        components: names of the task's components.
+        values: names of the Q-Maps (one, ``reward``, for normal Q-learning).
+        reward_key: the rewards the Q-Maps are learned for.
+        gamma: discount per decision.
+        window: decisions that ``success`` looks back on.
+    """
+
+    def __init__(self, components: Iterable[str], values: Iterable[str], reward_key: str, gamma: float, window: int = 100) -> None:
+        self.components, self.values, self.reward_key, self.gamma = tuple(components), tuple(values), reward_key, gamma
+        self.correct: deque[float] = deque(maxlen=window)
+        self._episode: list[TensorDictBase] = []
+
+    @property
+    def success(self) -> float:
+        """Share of best choices among the last decisions, exploration included."""
+        return sum(self.correct) / len(self.correct) if self.correct else float("nan")
+
+    def add(self, batch: TensorDictBase) -> dict[str, float]:
+        """Takes ``[T]`` successive decisions; returns the metrics of the episodes that ended with them (NaN where none did)."""
+        returns: list[Tensor] = []
+        bias: list[Tensor] = []
+        for decision in batch.unbind(0):
+            gap = float(decision["next", keys.REWARD_AVAILABLE] - decision["next", keys.REWARD])
+            self.correct.append(float(gap < SAME_REWARD))
+            self._episode.append(decision.select(keys.CHOSEN_COMPONENT_VALUE, ("next", self.reward_key), ("next", keys.REWARD_COMPONENTS)))
+            if bool(decision["next", keys.DONE]):
+                returns.append(sum(step["next", keys.REWARD_COMPONENTS] for step in self._episode))
+                to_go = torch.zeros(len(self.values))
+                for step in reversed(self._episode):
+                    to_go = step["next", self.reward_key] + self.gamma * to_go
+                    bias.append(step[keys.CHOSEN_COMPONENT_VALUE] - to_go)
+                self._episode = []
+        row = {"success": self.success, "reward": float(batch["next", keys.REWARD].mean())}
+        row |= _named("return", self.components, returns) | _named("q_bias", self.values, bias)
+        return row
+
+    def contents(self) -> dict[str, Tensor]:
+        """What the next rows depend on, by name."""
+        episode = TensorDict.stack(self._episode).flatten_keys(".").items() if self._episode else ()
+        return {"correct": torch.tensor(list(self.correct)), **{f"episode.{name}": value for name, value in episode}}
+
+    def restore(self, contents: dict[str, Tensor]) -> None:
+        """The inverse of :meth:`contents`."""
+        self.correct.extend(contents["correct"].tolist())
+        episode = {tuple(name.split(".")[1:]): value for name, value in contents.items() if name != "correct"}
+        if episode:
+            stored = TensorDict({}, batch_size=[len(next(iter(episode.values())))])
+            for name, value in episode.items():
+                stored[name] = value
+            self._episode = list(stored.unbind(0))
+
+    def names(self) -> list[str]:
+        """The names of what :meth:`add` returns."""
+        return ["success", "reward", *(f"return/{n}" for n in self.components), *(f"q_bias/{n}" for n in self.values)]
+
+
+def _named(group: str, names: tuple[str, ...], values: list[Tensor]) -> dict[str, float]:
+    mean = torch.stack(values).mean(0).tolist() if values else [float("nan")] * len(names)
+    return {f"{group}/{name}": value for name, value in zip(names, mean, strict=True)}
