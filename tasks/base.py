@@ -18,7 +18,9 @@ FILM_RATE = 25
 
 @dataclass
 class SceneObject:
-    """One thing in the scene as the world itself knows it: a name, its outline ``[P, 2]`` (m) from above, its top (m), its properties."""
+    """One thing in the scene as the world itself knows it: a name, its outline ``[P, 2]`` (m) from above, its top (m),
+    its properties.
+    """
 
     name: str
     footprint: np.ndarray
@@ -29,9 +31,9 @@ class SceneObject:
 class DecisionEnv(BaseEnv):
     """A world in which an action is a 3-D point and a step runs a motion primitive there, to its end.
 
-    A task gives ``REWARD_COMPONENTS``, ``BACKGROUND``, ``METRICS``, ManiSkill's usual hooks (``_load_scene``, ``_initialize_episode``,
-    ``_default_sensor_configs``) and four methods of its own: :meth:`run_primitive`, :meth:`highest_reward`, :meth:`scene_objects` and
-    :meth:`oracle_point`.
+    A task gives ``REWARD_COMPONENTS``, ``BACKGROUND``, ``METRICS``, ManiSkill's usual hooks (``_load_scene``,
+    ``_initialize_episode``, ``_default_sensor_configs``) and four methods of its own: :meth:`run_primitive`,
+    :meth:`highest_reward`, :meth:`scene_objects` and :meth:`oracle_point`.
 
     Args:
         weights: w_k by component name; R = Σ_k w_k r_k. A component that is not named weighs 1.
@@ -47,7 +49,9 @@ class DecisionEnv(BaseEnv):
     METRICS: tuple[str, ...] = ()
     SUPPORTED_REWARD_MODES = ("sparse", "none")
 
-    def __init__(self, *, weights: Mapping[str, float] | None = None, render_backend: str = "auto", **kwargs: Any) -> None:
+    def __init__(
+        self, *, weights: Mapping[str, float] | None = None, render_backend: str = "auto", **kwargs: Any
+    ) -> None:
         self.weights = torch.tensor([float((weights or {}).get(name, 1.0)) for name in self.REWARD_COMPONENTS])
         self.seconds = {"simulate": 0.0, "render": 0.0}
         self._outcome: dict[str, torch.Tensor] = {}
@@ -57,7 +61,12 @@ class DecisionEnv(BaseEnv):
         if render_backend == "auto":
             render_backend = "gpu" if torch.cuda.is_available() else "cpu"
         super().__init__(
-            num_envs=1, obs_mode="rgb+depth", reward_mode="sparse", sim_backend="physx_cpu", render_backend=render_backend, **kwargs
+            num_envs=1,
+            obs_mode="rgb+depth",
+            reward_mode="sparse",
+            sim_backend="physx_cpu",
+            render_backend=render_backend,
+            **kwargs,
         )
         # Building the world and drawing the first frame, which compiles shaders, are no part of a decision.
         self.seconds = {"simulate": 0.0, "render": 0.0}

@@ -1,4 +1,6 @@
-"""The field of blocks: what one is, how a field is drawn at random, and its geometry. Lengths in metres, angles in degrees."""
+"""The field of blocks: what one is, how a field is drawn at random, and its geometry. Lengths in metres, angles in
+degrees.
+"""
 
 from __future__ import annotations
 
@@ -103,10 +105,13 @@ class Block:
         return np.linalg.norm(np.maximum(beyond, 0), axis=1) + np.minimum(beyond.max(1), 0)
 
     def hides(self, points: np.ndarray, eye: np.ndarray) -> np.ndarray:
-        """``[M]`` bool: whether the block lies between ``eye`` ``[3]`` and world points ``[M, 3]``; its own surface is not hidden."""
+        """``[M]`` bool: whether the block lies between ``eye`` ``[3]`` and world points ``[M, 3]``; its own surface is
+        not hidden.
+        """
         start = np.column_stack((self.local(points), points[:, 2]))
         along = np.append(self.local(eye[None])[0], eye[2]) - start
-        # The block is where all of these are at most 0, so each cuts off a part of the segment start + t · along, 0 ≤ t ≤ 1.
+        # The block is where all of these are at most 0, so each cuts off a part of the segment start + t · along, 0 ≤ t
+        # ≤ 1.
         slope = np.tan(np.deg2rad(self.incline))
         normals = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, -1], [-slope, 0, 1]])
         limits = np.array([self.length / 2, self.length / 2, self.width / 2, self.width / 2, 0, self.height])
@@ -167,7 +172,9 @@ def sample_field(
 
 
 def material(color: str, shade: float) -> sapien.render.RenderMaterial:
-    """A dull material that looks like the 8-bit color of that name, ``shade`` times as bright (the renderer computes in linear light)."""
+    """A dull material that looks like the 8-bit color of that name, ``shade`` times as bright (the renderer computes in
+    linear light).
+    """
     base = [min((value / 255) ** 2.2 * shade, 1.0) for value in COLORS[color]]
     return sapien.render.RenderMaterial(base_color=(*base, 1.0), roughness=1.0)
 
@@ -190,7 +197,9 @@ def entity(block: Block) -> sapien.Entity:
 
 
 def _mesh(block: Block) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Triangles for drawing, each face with its own corners so that its edges are sharp: vertices, triangles, normals."""
+    """Triangles for drawing, each face with its own corners so that its edges are sharp: vertices, triangles,
+    normals.
+    """
     corners = block.vertices
     vertices = np.vstack([corners[list(face)] for face in FACES])
     normals = []

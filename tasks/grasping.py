@@ -1,12 +1,14 @@
 """Grasping: a UR5e with a suction cup sorts out cubes from bowls, the best color first.
 
 Task Description:
-    Three calibrated RGB-D cameras look at cubes and bowls on a table. The agent picks a cell of the heightmap; the primitive moves the cup
-    above the 3-D point behind it, steps down until contact, tries the suction, lifts, and puts what hangs on the cup into a bin.
+    Three calibrated RGB-D cameras look at cubes and bowls on a table. The agent picks a cell of the heightmap; the
+    primitive moves the cup above the 3-D point behind it, steps down until contact, tries the suction, lifts, and puts
+    what hangs on the cup into a bin.
 
 Randomizations (all from the reset's seed):
-    Number, kinds, colors, places and yaws of the objects (at least one cube), a shift of each one's color, direction and strength of the
-    light, the noise of the depth images. A layout with an object that the arm cannot reach is drawn again.
+    Number, kinds, colors, places and yaws of the objects (at least one cube), a shift of each one's color, direction
+    and strength of the light, the noise of the depth images. A layout with an object that the arm cannot reach is drawn
+    again.
 
 Episode:
     Ends when no cube is left on the table; truncated after ``attempts`` decisions.
@@ -54,7 +56,8 @@ class GraspingEnv(DecisionEnv):
     Args:
         objects: fewest and most objects of a scene.
         layout: ``"spread"`` over the table or ``"cluttered"`` around a random place.
-        seal: ``"rim"``: the cup's whole rim must lie on the touched body; ``"touch"``: touching a cube is enough, as in Ravens.
+        seal: ``"rim"``: the cup's whole rim must lie on the touched body; ``"touch"``: touching a cube is enough, as in
+            Ravens.
         light: how far the light varies, 0 (not at all) to 2.
         tint: most that is added to or taken from an object's red, green and blue, 8-bit.
         depth_noise: standard deviation of the depth images' noise, m.
@@ -63,8 +66,8 @@ class GraspingEnv(DecisionEnv):
         control_steps: the most a pick may take (100 a second).
         kwargs: of :class:`DecisionEnv`.
 
-    ``reset(options={"things": [...]})`` puts these objects (``Thing.to_dict()``) in the place of the drawn ones and leaves all else as the
-    seed has it: the way to see the same table with one object recolored, reshaped or gone.
+    ``reset(options={"things": [...]})`` puts these objects (``Thing.to_dict()``) in the place of the drawn ones and
+    leaves all else as the seed has it: the way to see the same table with one object recolored, reshaped or gone.
 
     Raises:
         ValueError: if a setting is out of its range, or no layout within the arm's reach is found.
@@ -110,7 +113,8 @@ class GraspingEnv(DecisionEnv):
         self._things: dict[sapien.Entity, Thing] = {}
         self._binned: list[sapien.Entity] = []
         self._made = self.layouts_rejected = 0
-        # A scene built anew is the same to the last bit; one that is reused remembers, in the order of its contacts, what was there before.
+        # A scene built anew is the same to the last bit; one that is reused remembers, in the order of its contacts,
+        # what was there before.
         super().__init__(robot_uids="xqmap_ur5e", reconfiguration_freq=1, **kwargs)
 
     # -- the world -----------------------------------------------------------------------------------------------------
@@ -146,7 +150,9 @@ class GraspingEnv(DecisionEnv):
         # The base frame of the arm's published table is turned against the table's.
         super()._load_agent(options, sapien.Pose(q=[0, 0, 0, 1]))
         self.suction = Suction(self.agent.tcp)
-        self.arm = Arm(self.agent, lambda target: self.control_step(target[None]), 1 / self.control_freq, self.control_steps)
+        self.arm = Arm(
+            self.agent, lambda target: self.control_step(target[None]), 1 / self.control_freq, self.control_steps
+        )
         self._home = joints_at(np.array([[*BIN, HOME_HEIGHT]]), np.zeros(6))[0]
 
     def _load_lighting(self, options: dict[str, Any]) -> None:
@@ -181,7 +187,9 @@ class GraspingEnv(DecisionEnv):
             if all(self._reaches(thing) for thing in things):
                 return things
             self.layouts_rejected += 1
-        raise ValueError(f"no layout within the arm's reach in {LAYOUTS} draws: lower task.env.hover or task.env.objects")
+        raise ValueError(
+            f"no layout within the arm's reach in {LAYOUTS} draws: lower task.env.hover or task.env.objects"
+        )
 
     def _reaches(self, thing: Thing) -> bool:
         """Whether the arm's inverse kinematics has a solution on top of an object and above it."""
@@ -222,7 +230,15 @@ class GraspingEnv(DecisionEnv):
     def run_primitive(self, point: np.ndarray) -> tuple[dict[str, float], dict[str, float]]:
         """Picks at ``point`` ``[3]`` (m)."""
         self._made += 1
-        attempt = pick(self.arm, self.suction, np.maximum(point, (-np.inf, -np.inf, 0)), self.hover, self._home, self._feel, self._seals)
+        attempt = pick(
+            self.arm,
+            self.suction,
+            np.maximum(point, (-np.inf, -np.inf, 0)),
+            self.hover,
+            self._home,
+            self._feel,
+            self._seals,
+        )
         thing = self._things.get(attempt.touched) if attempt.touched is not None else None
         lifted = attempt.delivered and thing is not None
         if lifted:
@@ -269,12 +285,20 @@ class GraspingEnv(DecisionEnv):
     def _on_table(self) -> dict[sapien.Entity, Thing]:
         """The objects within the workspace; what fell off or out of it is out of the game."""
         low, high = BOUNDS.T
-        return {built: thing for built, thing in self._things.items() if (low <= built.pose.p).all() and (built.pose.p < high).all()}
+        return {
+            built: thing
+            for built, thing in self._things.items()
+            if (low <= built.pose.p).all() and (built.pose.p < high).all()
+        }
 
     def _items(self) -> tuple[list[sapien.Entity], list[oracle.Item]]:
-        """The objects on the table, and what each pays: a cube can be lifted if the cup would seal in the middle of what looks up."""
+        """The objects on the table, and what each pays: a cube can be lifted if the cup would seal in the middle of
+        what looks up.
+        """
         things = self._on_table()
-        items = [oracle.Item(thing.rank, thing.kind == "cube" and self._liftable(built)) for built, thing in things.items()]
+        items = [
+            oracle.Item(thing.rank, thing.kind == "cube" and self._liftable(built)) for built, thing in things.items()
+        ]
         return list(things), items
 
     def _liftable(self, cube: sapien.Entity) -> bool:

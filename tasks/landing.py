@@ -1,25 +1,25 @@
 """Landing: a flying agent picks a spot of a field of blocks and touches down there.
 
 Task Description:
-    From a constant altitude the agent sees part of a field of blocks, straight down. It picks a cell of the heightmap; the primitive
-    flies to above the 3-D point behind it and descends under control until the physics reports contact.
+    From a constant altitude the agent sees part of a field of blocks, straight down. It picks a cell of the heightmap;
+    the primitive flies to above the 3-D point behind it and descends under control until the physics reports contact.
 
 Randomizations (all from the reset's seed):
-    Number, place, footprint, height and yaw of the blocks; their tops flat or inclined; green, red, blue or gray, each a little lighter
-    or darker; direction and strength of the light; where over the field the agent is.
+    Number, place, footprint, height and yaw of the blocks; their tops flat or inclined; green, red, blue or gray, each
+    a little lighter or darker; direction and strength of the light; where over the field the agent is.
 
 Episode:
-    ``landings_per_episode`` decisions, each from a new place at the same altitude over the same field. A landing takes at most
-    ``control_steps`` control steps.
+    ``landings_per_episode`` decisions, each from a new place at the same altitude over the same field. A landing takes
+    at most ``control_steps`` control steps.
 
 Reward components (at the touched spot, the mean of the first contact's points):
-    ``flatness``: 1 if θ = arccos(n·q) ≤ 5° between the vertical n and the true surface normal q there (a wall has θ = 90°).
-    ``color``: 1 unless what was touched is gray (the ground is).
+    ``flatness``: 1 if θ = arccos(n·q) ≤ 5° between the vertical n and the true surface normal q there (a wall has θ =
+    90°). ``color``: 1 unless what was touched is gray (the ground is).
     A time-out pays nothing, and neither does a miss: hull or rotors hit something before the foot does.
 
 Cells:
-    The camera looks from above, so the ground right behind a block stays hidden. Such cells are empty in the heightmap (0 high, black)
-    and cannot be chosen: no 3-D point is known there.
+    The camera looks from above, so the ground right behind a block stays hidden. Such cells are empty in the heightmap
+    (0 high, black) and cannot be chosen: no 3-D point is known there.
 """
 
 from __future__ import annotations
@@ -60,7 +60,9 @@ ON_TOP = 0.05
 
 @dataclass(frozen=True)
 class Touch:
-    """The first contact: where, where the aircraft was (``[3]``, world, m), whether with its foot, with which block (None: the ground)."""
+    """The first contact: where, where the aircraft was (``[3]``, world, m), whether with its foot, with which block
+    (None: the ground).
+    """
 
     spot: np.ndarray
     aircraft: np.ndarray
@@ -84,8 +86,8 @@ class LandingEnv(DecisionEnv):
         control_steps: the most a landing may take.
         kwargs: of :class:`DecisionEnv`.
 
-    ``reset(options={"blocks": [...]})`` puts these blocks (``Block.to_dict()``) in the place of the drawn ones and leaves all else as the
-    seed has it: the way to see the same view with one block recolored, leveled or gone.
+    ``reset(options={"blocks": [...]})`` puts these blocks (``Block.to_dict()``) in the place of the drawn ones and
+    leaves all else as the seed has it: the way to see the same view with one block recolored, leveled or gone.
 
     Raises:
         ValueError: if a setting is out of its range.
@@ -163,13 +165,19 @@ class LandingEnv(DecisionEnv):
         # Wide enough for the rim of the map at the height of the highest top.
         fov = 2 * float(np.arctan(CELLS * self._pixel_size / 2 / (self.altitude - MAX_TOP)))
         mount = self.agent.robot.links[0]
-        return [CameraConfig("down", DOWN, self.image_size, self.image_size, fov, 0.1, 32.0, mount=mount, shader_pack="minimal")]
+        return [
+            CameraConfig(
+                "down", DOWN, self.image_size, self.image_size, fov, 0.1, 32.0, mount=mount, shader_pack="minimal"
+            )
+        ]
 
     @property
     def _default_human_render_camera_configs(self) -> CameraConfig:
         # Behind the aircraft, a little above, looking ahead and down.
         behind = sapien.Pose([-2.4, 0.0, 1.5], [np.cos(0.22), 0.0, np.sin(0.22), 0.0])
-        return CameraConfig("behind", behind, 960, 640, 1.1, 0.05, 200.0, mount=self.agent.robot.links[0], shader_pack="default")
+        return CameraConfig(
+            "behind", behind, 960, 640, 1.1, 0.05, 200.0, mount=self.agent.robot.links[0], shader_pack="default"
+        )
 
     def _load_agent(self, options: dict[str, Any], *args: Any, **kwargs: Any) -> None:
         super()._load_agent(options, sapien.Pose([0, 0, self.altitude]))
@@ -222,7 +230,9 @@ class LandingEnv(DecisionEnv):
     # -- the primitive -------------------------------------------------------------------------------------------------
 
     def run_primitive(self, point: np.ndarray) -> tuple[dict[str, float], dict[str, float]]:
-        """Flies to above ``point`` ``[3]`` (m), descends until contact, and lets the aircraft come to rest with its motors off."""
+        """Flies to above ``point`` ``[3]`` (m), descends until contact, and lets the aircraft come to rest with its
+        motors off.
+        """
         link = self.agent.robot.links[0]._objs[0]
         target, speed, steps = np.array([point[0], point[1], self.altitude]), CRUISE_SPEED, 0
         self._touch = None
@@ -256,7 +266,9 @@ class LandingEnv(DecisionEnv):
             touching = [point.position for point in contact.points if point.separation < CONTACT]
             own, other = sorted(contact.bodies, key=lambda body: body not in (hull, foot))
             if touching:
-                self._touch = Touch(np.mean(touching, axis=0), hull.entity_pose.p, own == foot, self._entities.get(other.entity))
+                self._touch = Touch(
+                    np.mean(touching, axis=0), hull.entity_pose.p, own == foot, self._entities.get(other.entity)
+                )
                 self.agent.controller.reset()
                 return
 
@@ -302,14 +314,17 @@ class LandingEnv(DecisionEnv):
         return self._best()[1]
 
     def exact_values(self, gamma: float) -> np.ndarray | None:
-        """``[objects, 2]``: Q*_k of landing on each of :meth:`scene_objects`, its sub-rewards when nothing that counts comes after.
+        """``[objects, 2]``: Q*_k of landing on each of :meth:`scene_objects`, its sub-rewards when nothing that counts
+        comes after.
 
         None where another landing of this episode counts: its place is drawn at random.
         """
         if gamma > 0 and self._landings + 1 < self.landings_per_episode:
             return None
         seen = in_view(self.blocks, self.workspace_bounds, self._pixel_size)
-        return np.array([list(self._properties(block).values()) for block in seen]).reshape(-1, len(self.REWARD_COMPONENTS))
+        return np.array([list(self._properties(block).values()) for block in seen]).reshape(
+            -1, len(self.REWARD_COMPONENTS)
+        )
 
     def scene_objects(self) -> list[SceneObject]:
         """The blocks at least partly in view."""

@@ -1,8 +1,9 @@
 """The grasping task solved exactly: what every object is worth, by component, if the best choices follow.
 
-With the objects known, the task is a small Markov decision process: which object next. A cube that is lifted is gone; a bowl pays its
-color and stays. So values follow by backward induction over the cubes that are left (value iteration that needs one sweep), and a choice
-that changes nothing is worth its reward for ever, r / (1 − γ). The limit of attempts is left out, as it is for the agent.
+With the objects known, the task is a small Markov decision process: which object next. A cube that is lifted is gone; a
+bowl pays its color and stays. So values follow by backward induction over the cubes that are left (value iteration that
+needs one sweep), and a choice that changes nothing is worth its reward for ever, r / (1 − γ). The limit of attempts is
+left out, as it is for the agent.
 
 ``python -m tasks.oracle`` prints for which discounts the best choice is also the one with the highest reward.
 """
@@ -19,7 +20,8 @@ import numpy as np
 from tasks.tabletop import COLORS, RANK
 
 SHAPE, COLOR = 0, 1
-# Values closer than this are equal: of equal choices the oracle takes the one that brings the end nearer, then the first.
+# Values closer than this are equal: of equal choices the oracle takes the one that brings the end nearer, then the
+# first.
 EQUAL = 1e-9
 
 
@@ -71,7 +73,10 @@ def component_values(items: Sequence[Item], weights: Sequence[float], gamma: flo
         return float(best[SHAPE]), float(best[COLOR])
 
     now = tuple(sum(item.liftable and item.rank == rank for item in items) for rank in ranks)
-    values = [item.reward + gamma * np.array(state_value(without(now, item.rank) if item.liftable else now)) * any(now) for item in items]
+    values = [
+        item.reward + gamma * np.array(state_value(without(now, item.rank) if item.liftable else now)) * any(now)
+        for item in items
+    ]
     return np.array(values).reshape(-1, 2)
 
 
@@ -87,7 +92,9 @@ def _first_best(values: np.ndarray) -> int:
 
 
 class Agreement(NamedTuple):
-    """Over the optimal policy's choices the share with the highest reward; over scenes the share that was cleared of liftable objects."""
+    """Over the optimal policy's choices the share with the highest reward; over scenes the share that was cleared of
+    liftable objects.
+    """
 
     highest: float
     cleared: float
@@ -105,7 +112,10 @@ def agreement(gamma: float, scenes: int, objects: tuple[int, int], attempts: int
     """
     rng, highest, choices, cleared = np.random.RandomState(seed), 0, 0, 0
     for _ in range(scenes):
-        items = [Item(RANK[str(rng.choice(list(COLORS)))], bool(rng.rand() < 0.5)) for _ in range(rng.randint(objects[0], objects[1] + 1))]
+        items = [
+            Item(RANK[str(rng.choice(list(COLORS)))], bool(rng.rand() < 0.5))
+            for _ in range(rng.randint(objects[0], objects[1] + 1))
+        ]
         if not any(item.liftable for item in items):
             items[0] = Item(items[0].rank, True)
         for _ in range(attempts):
@@ -121,7 +131,9 @@ def agreement(gamma: float, scenes: int, objects: tuple[int, int], attempts: int
 
 
 if __name__ == "__main__":
-    print("500 scenes of 7 to 10 objects, 30 attempts each\n    γ  optimal choice has the highest reward  scene cleared")
+    print(
+        "500 scenes of 7 to 10 objects, 30 attempts each\n    γ  optimal choice has the highest reward  scene cleared"
+    )
     for gamma in (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.5, 0.9):
         row = agreement(gamma, 500, (7, 10), 30)
         print(f"{gamma:>5}  {row.highest:>37.1%}  {row.cleared:>13.1%}")

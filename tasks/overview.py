@@ -1,4 +1,6 @@
-"""What can be seen and landed on from above a field of blocks, by exact geometry: for evaluation and perception, never for the policy."""
+"""What can be seen and landed on from above a field of blocks, by exact geometry: for evaluation and perception, never
+for the policy.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,8 @@ import numpy as np
 
 from tasks.blocks import Block
 
-# What a choice needs to be sure of its outcome: the foot this far inside the top's edges, the hull this far from other blocks (m).
+# What a choice needs to be sure of its outcome: the foot this far inside the top's edges, the hull this far from other
+# blocks (m).
 FOOT_ROOM = 0.2
 HULL_ROOM = 0.5
 
@@ -28,7 +31,8 @@ def in_view(blocks: list[Block], bounds: np.ndarray, pixel_size: float) -> list[
 def best_place(
     blocks: list[Block], bounds: np.ndarray, pixel_size: float, altitude: float, reward: Callable[[Block | None], float]
 ) -> tuple[float, np.ndarray]:
-    """Looks at every cell's middle: what lies there, whether it is hidden from the middle of the view, whether there is room.
+    """Looks at every cell's middle: what lies there, whether it is hidden from the middle of the view, whether there is
+    room.
 
     Args:
         blocks: of the field.
@@ -38,8 +42,8 @@ def best_place(
         reward: of landing on a block's top, or on the ground (None).
 
     Returns:
-        The highest reward of the cells that are visible and have room for foot (``FOOT_ROOM``) and hull (``HULL_ROOM``); of those cells the
-        point ``[3]`` with the most room. 0 and the view's middle if there is none.
+        The highest reward of the cells that are visible and have room for foot (``FOOT_ROOM``) and hull
+        (``HULL_ROOM``); of those cells the point ``[3]`` with the most room. 0 and the view's middle if there is none.
     """
     cells, blocks = cell_middles(bounds, pixel_size), _near(blocks, bounds, HULL_ROOM)
     owner, top, room = np.zeros(len(cells), dtype=int), np.zeros(len(cells)), np.full(len(cells), np.inf)

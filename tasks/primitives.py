@@ -1,4 +1,6 @@
-"""The motion primitive *pick*: joint motion under control, counted in control steps, never by the clock. Metres, radians."""
+"""The motion primitive *pick*: joint motion under control, counted in control steps, never by the clock. Metres,
+radians.
+"""
 
 from __future__ import annotations
 
@@ -50,7 +52,9 @@ class Arm:
         self.steps, self.late = 0, False
 
     def park(self, hover: float, home: np.ndarray) -> None:
-        """Straight up to ``hover`` (m) and to the joint angles ``home``, uncounted: the arm must not stand in the next picture."""
+        """Straight up to ``hover`` (m) and to the joint angles ``home``, uncounted: the arm must not stand in the next
+        picture.
+        """
         counted = self.steps, self.limit, self.late
         self.limit = np.inf
         self.hold()
@@ -65,7 +69,9 @@ class Arm:
         return np.asarray(self.agent.tcp.entity_pose.to_transformation_matrix(), dtype=np.float64)
 
     def travel(self, goal: np.ndarray, until: Callable[[], bool] = lambda: False) -> bool:
-        """Turns all joints to ``goal`` ``[6]`` together, from rest to rest, or until ``until()``; returns whether that was why."""
+        """Turns all joints to ``goal`` ``[6]`` together, from rest to rest, or until ``until()``; returns whether that
+        was why.
+        """
         start, way = self.joints, goal - self.joints
         # The smoothest polynomial between two rests is 1.875 times as fast in its middle as on average.
         duration = max(SHORTEST, 1.875 * float(np.abs(way).max()) / JOINT_SPEED)
@@ -74,7 +80,9 @@ class Arm:
         return self._follow(start + s**3 * (10 - 15 * s + 6 * s * s) * way, until)
 
     def line(self, goal: np.ndarray, speed: float, until: Callable[[], bool] = lambda: False) -> bool:
-        """Moves the rim straight from where it was sent last to ``goal`` ``[3]``, or until ``until()``; returns whether that was why."""
+        """Moves the rim straight from where it was sent last to ``goal`` ``[3]``, or until ``until()``; returns whether
+        that was why.
+        """
         start = self.sent
         count = max(1, round(float(np.linalg.norm(goal - start)) / speed / self.period))
         s = np.arange(1, count + 1)[:, None] / count
@@ -135,7 +143,8 @@ def pick(
     feel: Callable[[], sapien.Entity | None],
     seals: Callable[[sapien.Entity], bool],
 ) -> Attempt:
-    """Moves above ``point``, steps down until contact, tries the suction, lifts, puts what hangs on the cup into the bin below its home.
+    """Moves above ``point``, steps down until contact, tries the suction, lifts, puts what hangs on the cup into the
+    bin below its home.
 
     Args:
         arm: at its home.
@@ -154,7 +163,9 @@ def pick(
     above = np.array([point[0], point[1], min(point[2] + FEEL_ABOVE, hover)])
     arm.travel(joints_at(over[None], arm.joints)[0])
     touched = None
-    if arm.line(above, SPEED, lambda: feel() is not None) or arm.line(point - (0, 0, FEEL_BELOW), TOUCH_SPEED, lambda: feel() is not None):
+    if arm.line(above, SPEED, lambda: feel() is not None) or arm.line(
+        point - (0, 0, FEEL_BELOW), TOUCH_SPEED, lambda: feel() is not None
+    ):
         touched = feel()
     arm.hold()
     slips = [0.0]

@@ -20,7 +20,9 @@ SLIP = 0.005
 
 @dataclass(frozen=True)
 class Hits:
-    """Where rays meet a body: distance along each ``[N]`` (inf: nowhere), and the surface's outward unit normal there ``[N, 3]``, world."""
+    """Where rays meet a body: distance along each ``[N]`` (inf: nowhere), and the surface's outward unit normal there
+    ``[N, 3]``, world.
+    """
 
     distance: np.ndarray
     normal: np.ndarray
@@ -59,7 +61,8 @@ def rim(radius: float = RIM_RADIUS) -> np.ndarray:
 
 
 def seals(kind: str, pose: np.ndarray, tcp: np.ndarray) -> bool:
-    """Whether the whole rim lies on the body, within the lip's compliance of a plane; neither that nor the surface may tilt too far.
+    """Whether the whole rim lies on the body, within the lip's compliance of a plane; neither that nor the surface may
+    tilt too far.
 
     Args:
         kind: the touched body's.
@@ -98,7 +101,12 @@ class Suction:
         self._drive = sapien.physx.PhysxDriveComponent(body)
         self._drive.parent = self.tcp
         self._drive.pose_in_parent, self._drive.pose_in_child = self._held_at, sapien.Pose()
-        for limit in (self._drive.set_limit_x, self._drive.set_limit_y, self._drive.set_limit_z, self._drive.set_limit_twist):
+        for limit in (
+            self._drive.set_limit_x,
+            self._drive.set_limit_y,
+            self._drive.set_limit_z,
+            self._drive.set_limit_twist,
+        ):
             limit(0.0, 0.0)
         self._drive.set_limit_cone(0.0, 0.0)
         body.entity.add_component(self._drive)

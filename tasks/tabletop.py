@@ -58,7 +58,9 @@ class Thing:
 
     def __post_init__(self) -> None:
         if self.kind not in MASS or self.color not in COLORS:
-            raise ValueError(f"an object is one of {', '.join(MASS)} in one of {', '.join(COLORS)}, not a {self.color} {self.kind}")
+            raise ValueError(
+                f"an object is one of {', '.join(MASS)} in one of {', '.join(COLORS)}, not a {self.color} {self.kind}"
+            )
 
     @property
     def name(self) -> str:
@@ -101,7 +103,9 @@ def sample_layout(rng: np.random.RandomState, count: int, layout: str, bounds: n
             near = np.maximum(low + radius, middle - heap), np.minimum(high - radius, middle + heap)
             for _ in range(TRIES):
                 place = rng.uniform(*near)
-                apart = all(np.hypot(*(place - other)) > radius + far + gap for other, far in zip(places, radii, strict=False))
+                apart = all(
+                    np.hypot(*(place - other)) > radius + far + gap for other, far in zip(places, radii, strict=False)
+                )
                 if apart and np.hypot(*(place - middle)) <= heap:
                     places.append(place)
                     break
@@ -120,10 +124,14 @@ def sample_layout(rng: np.random.RandomState, count: int, layout: str, bounds: n
 
 @cache
 def pieces(kind: str) -> tuple[np.ndarray, ...]:
-    """The convex parts ``[8, 3]`` that make up an object's body, in its own frame (on the table, z from 0): a bowl is hollow."""
+    """The convex parts ``[8, 3]`` that make up an object's body, in its own frame (on the table, z from 0): a bowl is
+    hollow.
+    """
     if kind == "cube":
         half = CUBE / 2
-        corners = np.array([[x, y, z] for z in (0, CUBE) for x, y in ((-half, -half), (half, -half), (half, half), (-half, half))])
+        corners = np.array(
+            [[x, y, z] for z in (0, CUBE) for x, y in ((-half, -half), (half, -half), (half, half), (-half, half))]
+        )
         return (corners,)
     angles = np.linspace(0, 2 * np.pi, SECTORS + 1)
     parts = []
@@ -131,7 +139,8 @@ def pieces(kind: str) -> tuple[np.ndarray, ...]:
         for ring in range(len(INSIDE) - 1):
             # Lower quadrilateral and upper one, each around the piece in the same sense.
             quads = [
-                [(wall[ring], first), (wall[ring + 1], first), (wall[ring + 1], second), (wall[ring], second)] for wall in (OUTSIDE, INSIDE)
+                [(wall[ring], first), (wall[ring + 1], first), (wall[ring + 1], second), (wall[ring], second)]
+                for wall in (OUTSIDE, INSIDE)
             ]
             parts.append(np.array([[r * np.cos(a), r * np.sin(a), z] for quad in quads for (r, z), a in quad]))
     return tuple(parts)
@@ -158,14 +167,18 @@ def planes(kind: str) -> np.ndarray:
 
 
 def footprint(kind: str, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-    """``[P, 2]``: outline from above of an object at ``position`` ``[3]`` with ``rotation`` ``[3, 3]``, counter-clockwise, convex."""
+    """``[P, 2]``: outline from above of an object at ``position`` ``[3]`` with ``rotation`` ``[3, 3]``,
+    counter-clockwise, convex.
+    """
     if kind == "bowl":
         angles = np.arange(SECTORS) * 2 * np.pi / SECTORS
         outline = RADIUS["bowl"] * np.column_stack((np.cos(angles), np.sin(angles), np.zeros(SECTORS)))
     else:
         # The face that looks up most, so that a cube that was tipped over has a square outline too.
         axes = sorted(rotation.T, key=lambda axis: abs(axis[2]))[:2]
-        outline = CUBE / 2 * np.array([a * axes[0] + b * axes[1] for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]) @ rotation
+        outline = (
+            CUBE / 2 * np.array([a * axes[0] + b * axes[1] for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]) @ rotation
+        )
     flat = (outline @ rotation.T)[:, :2] + position[:2]
     x, y = flat.T
     area = (x * np.roll(y, -1) - y * np.roll(x, -1)).sum()
@@ -192,13 +205,21 @@ def entity(thing: Thing) -> sapien.Entity:
     body = sapien.physx.PhysxRigidDynamicComponent()
     surface = sapien.physx.PhysxMaterial(FRICTION, FRICTION, 0.0)
     for corners in pieces(thing.kind):
-        body.attach(sapien.physx.PhysxCollisionShapeConvexMesh(corners.astype(np.float32), np.ones(3, dtype=np.float32), surface))
+        body.attach(
+            sapien.physx.PhysxCollisionShapeConvexMesh(
+                corners.astype(np.float32), np.ones(3, dtype=np.float32), surface
+            )
+        )
     inertia = body.inertia * MASS[thing.kind] / body.mass
     body.mass, body.inertia = MASS[thing.kind], inertia
     drawn = sapien.render.RenderBodyComponent()
     vertices, triangles, normals = _mesh(thing.kind)
     uvs = np.zeros((len(vertices), 2), dtype=np.float32)
-    drawn.attach(sapien.render.RenderShapeTriangleMesh(vertices, triangles, normals, uvs, material(COLORS[thing.color], thing.tint)))
+    drawn.attach(
+        sapien.render.RenderShapeTriangleMesh(
+            vertices, triangles, normals, uvs, material(COLORS[thing.color], thing.tint)
+        )
+    )
     built = sapien.Entity()
     built.set_name(thing.name)
     built.add_component(body)
@@ -223,7 +244,10 @@ def _mesh(kind: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Triangles for drawing: vertices, triangles, normals; round where a bowl is round, sharp at edges."""
     if kind == "cube":
         (corners,) = pieces(kind)
-        quads = [corners[list(face)] for face in ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7))]
+        quads = [
+            corners[list(face)]
+            for face in ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7))
+        ]
         normals = [np.cross(quad[1] - quad[0], quad[2] - quad[0]) for quad in quads]
         return _triangles(np.array(quads), np.repeat(np.array(normals)[:, None], 4, axis=1))
     angles = np.linspace(0, 2 * np.pi, 2 * SECTORS + 1)
@@ -233,7 +257,12 @@ def _mesh(kind: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     quads, normals = [], []
     for (r0, z0), (r1, z1) in pairwise(wall):
         for first, second in pairwise(spokes):
-            quads.append([[*(r * spoke), z] for r, z, spoke in ((r0, z0, first), (r0, z0, second), (r1, z1, second), (r1, z1, first))])
+            quads.append(
+                [
+                    [*(r * spoke), z]
+                    for r, z, spoke in ((r0, z0, first), (r0, z0, second), (r1, z1, second), (r1, z1, first))
+                ]
+            )
             normals.append([[*((z1 - z0) * spoke), r0 - r1] for spoke in (first, second, second, first)])
     return _triangles(np.array(quads), np.array(normals))
 

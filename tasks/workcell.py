@@ -14,7 +14,8 @@ from tasks.tabletop import material
 # The workspace of Ravens. Its floor lies below the table, so that table and unseen cells differ in height as well (m).
 BOUNDS = np.array([[0.25, 0.75], [-0.5, 0.5], [-0.01, 0.28]])
 PIXEL_SIZE = 0.003125
-# Ravens' cameras: positions (m) and their axes x right, y down, z forward as Euler angles about the fixed x, y, z (rad).
+# Ravens' cameras: positions (m) and their axes x right, y down, z forward as Euler angles about the fixed x, y, z
+# (rad).
 CAMERAS = {
     "front": ((1.0, 0.0, 0.75), (np.pi / 4, np.pi, -np.pi / 2)),
     "left": ((0.0, 0.5, 0.75), (np.pi / 4.5, np.pi, np.pi / 4)),
@@ -32,7 +33,9 @@ def cameras() -> list[CameraConfig]:
     """The three that see the table."""
     width, height = IMAGE
     return [
-        CameraConfig(name, camera_pose(*where), width, height, None, 0.01, 10.0, intrinsic=INTRINSICS, shader_pack="minimal")
+        CameraConfig(
+            name, camera_pose(*where), width, height, None, 0.01, 10.0, intrinsic=INTRINSICS, shader_pack="minimal"
+        )
         for name, where in CAMERAS.items()
     ]
 
@@ -59,14 +62,18 @@ def build(scene: ManiSkillScene) -> None:
     tray.build_static("bin")
 
 
-def _box(builder: Any, middle: tuple[float, float, float], size: tuple[float, float, float], color: tuple[int, int, int]) -> None:
+def _box(
+    builder: Any, middle: tuple[float, float, float], size: tuple[float, float, float], color: tuple[int, int, int]
+) -> None:
     pose, half = sapien.Pose(middle), np.array(size) / 2
     builder.add_box_collision(pose, half)
     builder.add_box_visual(pose, half, material=material(color))
 
 
 def camera_pose(position: tuple[float, float, float], euler: tuple[float, float, float]) -> sapien.Pose:
-    """A SAPIEN camera (x forward, y left, z up) from place and Euler angles (fixed axes, rad) of one with x right, y down, z forward."""
+    """A SAPIEN camera (x forward, y left, z up) from place and Euler angles (fixed axes, rad) of one with x right, y
+    down, z forward.
+    """
     rotation = np.eye(3)
     for axis, angle in enumerate(euler):
         a, b = [i for i in range(3) if i != axis]

@@ -15,7 +15,9 @@ CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shuti
 
 @contextmanager
 def opened(path: Path) -> Iterator[Any]:
-    """A page from disk, which must say nothing on the console and ask for nothing outside; skips where there is no browser."""
+    """A page from disk, which must say nothing on the console and ask for nothing outside; skips where there is no
+    browser.
+    """
     if CHROMIUM is None:
         pytest.skip("no chromium on this machine: as root, apt-get install chromium")
     sync_api = pytest.importorskip("playwright.sync_api")

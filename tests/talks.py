@@ -15,7 +15,12 @@ SCENES: dict[str, list[tuple[str, tuple[float, float]]]] = {
         ("red inclined block", (0.05, 1.03)),
         ("gray flat block", (0.96, 0.03)),
     ],
-    "grasping": [("blue cube", (0.98, 0.81)), ("red cube", (1.0, 0.02)), ("purple bowl", (0.03, 1.0)), ("green bowl", (0.02, 0.61))],
+    "grasping": [
+        ("blue cube", (0.98, 0.81)),
+        ("red cube", (1.0, 0.02)),
+        ("purple bowl", (0.03, 1.0)),
+        ("green bowl", (0.02, 0.61)),
+    ],
 }
 
 
@@ -23,7 +28,8 @@ def decision(task: str = "landing") -> Decision:
     names = ("flatness", "color") if task == "landing" else ("shape", "color")
     things = [(thing, dict(zip(names, values, strict=True))) for thing, values in SCENES[task]]
     candidates = [
-        Candidate(k, thing, v, (i, i), None, i) for i, (k, (thing, v)) in enumerate(zip(["Selected", "A", "B"], things, strict=False))
+        Candidate(k, thing, v, (i, i), None, i)
+        for i, (k, (thing, v)) in enumerate(zip(["Selected", "A", "B"], things, strict=False))
     ]
     objects = [Candidate(thing, thing, v, (i, i), None, i) for i, (thing, v) in enumerate(things)]
     for thing in (*candidates, *objects):

@@ -65,7 +65,10 @@ def decision_file(folder: Path) -> Path:
     content = {
         "task": "landing",
         "components": ["flatness", "color"],
-        "candidates": [{"label": name, "object": things[name], "values": {"flatness": v[0], "color": v[1]}} for name, v in values.items()],
+        "candidates": [
+            {"label": name, "object": things[name], "values": {"flatness": v[0], "color": v[1]}}
+            for name, v in values.items()
+        ],
     }
     path = folder / "decision.json"
     path.write_text(json.dumps(content))

@@ -60,7 +60,9 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_run_leaves_what_it_should(run: Path) -> None:
-    assert {".hydra", "checkpoint", "evaluation.json", "metrics.csv", "wandb", "figures"} <= {path.name for path in run.iterdir()}
+    assert {".hydra", "checkpoint", "evaluation.json", "metrics.csv", "wandb", "figures"} <= {
+        path.name for path in run.iterdir()
+    }
     assert list((run / "wandb").glob("offline-run-*/*.wandb"))
     assert list((run / "figures").glob("qmaps*.png"))
     result = json.loads((run / "evaluation.json").read_text())
@@ -75,7 +77,9 @@ def test_a_run_leaves_what_it_should(run: Path) -> None:
 
 
 def test_evaluate_repeats_the_table(run: Path) -> None:
-    done = call("evaluate", "run=run", "evaluation.seeds=[0,1]", "evaluation.baselines=false", "out=again.json", cwd=run.parent)
+    done = call(
+        "evaluate", "run=run", "evaluation.seeds=[0,1]", "evaluation.baselines=false", "out=again.json", cwd=run.parent
+    )
     assert done.returncode == 0, done.stderr
     first, again = (json.loads(path.read_text()) for path in (run / "evaluation.json", run.parent / "again.json"))
     assert first["runs"] == again["runs"]
@@ -130,7 +134,16 @@ def told(run: Path) -> Path:
 
 
 def test_explain_writes_every_view(told: Path) -> None:
-    names = {"decision.json", "qmaps.png", "values.png", "rdx.png", "overview.png", "explanation.txt", "explanation.html", "dialogue.json"}
+    names = {
+        "decision.json",
+        "qmaps.png",
+        "values.png",
+        "rdx.png",
+        "overview.png",
+        "explanation.txt",
+        "explanation.html",
+        "dialogue.json",
+    }
     assert names <= {path.name for path in told.iterdir()}
     decision = json.loads((told / "decision.json").read_text())
     assert [c["label"] for c in decision["candidates"]] == ["Selected", "A", "B"]
@@ -149,7 +162,8 @@ def test_the_report_of_a_run_shows_what_it_did_and_what_it_said(run: Path, told:
         mean = json.loads((run / "evaluation.json").read_text())["success"]["mean"]
         assert (rows["xqmap"]["best choices"], rows["xqmap"]["paper"]) == (f"{100 * mean:.1f} %", "90 ± 0.09 %")
         assert rows["oracle"]["best choices"] == "100.0 %"
-        # Intervals, five groups of curves, shares of time, the decision's bars; Q-Maps over training and of the decision.
+        # Intervals, five groups of curves, shares of time, the decision's bars; Q-Maps over training and of the
+        # decision.
         everything_is_drawn(page, charts=8, pictures=1 + len(list((run / "figures").glob("qmaps*.png"))))
         for sentence in (told / "explanation.txt").read_text().splitlines():
             assert page.get_by_text(sentence).count() >= 1

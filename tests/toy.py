@@ -1,4 +1,6 @@
-"""A world small enough to solve exactly: colored patches on a table seen by one camera from above; each patch can be taken once."""
+"""A world small enough to solve exactly: colored patches on a table seen by one camera from above; each patch can be
+taken once.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,9 @@ class Patch:
 
 
 class ToyTask:
-    """Taking a patch pays its two sub-rewards and removes it; the bare table pays nothing; an episode is two decisions."""
+    """Taking a patch pays its two sub-rewards and removes it; the bare table pays nothing; an episode is two
+    decisions.
+    """
 
     REWARD_COMPONENTS = ("left", "right")
     BACKGROUND = "table"
@@ -55,15 +59,22 @@ class ToyTask:
     def pixel_size(self) -> float:
         return CELL
 
-    def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[dict[str, Any], dict[str, Any]]:
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
         self.present, self.made = set(self.first), 0
         self.shade = np.random.default_rng(seed).uniform(0.9, 1.0)
         return self._observation(), {}
 
-    def step(self, action: np.ndarray) -> tuple[dict[str, Any], torch.Tensor, torch.Tensor, torch.Tensor, dict[str, Any]]:
+    def step(
+        self, action: np.ndarray
+    ) -> tuple[dict[str, Any], torch.Tensor, torch.Tensor, torch.Tensor, dict[str, Any]]:
         column, row = (int(value / CELL) for value in action[:2])
         available = max([float(self.weights @ PATCHES[i][2]) for i in self.present], default=0.0)
-        taken = next((i for i in self.present if 0 <= row - PATCHES[i][3][0] < EDGE and 0 <= column - PATCHES[i][3][1] < EDGE), None)
+        taken = next(
+            (i for i in self.present if 0 <= row - PATCHES[i][3][0] < EDGE and 0 <= column - PATCHES[i][3][1] < EDGE),
+            None,
+        )
         components = np.array(PATCHES[taken][2]) if taken is not None else np.zeros(2)
         self.present.discard(taken)
         self.made += 1
@@ -81,7 +92,9 @@ class ToyTask:
     def scene_objects(self) -> list[Patch]:
         corners = np.array([[0, 0], [EDGE, 0], [EDGE, EDGE], [0, EDGE]]) * CELL
         return [
-            Patch(f"{PATCHES[i][0]} patch", corners + np.array(PATCHES[i][3][::-1]) * CELL, 0.0, {"color": PATCHES[i][0]})
+            Patch(
+                f"{PATCHES[i][0]} patch", corners + np.array(PATCHES[i][3][::-1]) * CELL, 0.0, {"color": PATCHES[i][0]}
+            )
             for i in sorted(self.present)
         ]
 
@@ -112,17 +125,23 @@ class ToyTask:
         shaded = torch.from_numpy((color * self.shade).astype(np.uint8))
         return {
             "sensor_data": {"above": {"rgb": shaded, "depth": torch.full((1, SIZE, SIZE, 1), CAMERA_HEIGHT)}},
-            "sensor_param": {"above": {"intrinsic_cv": intrinsics, "extrinsic_cv": torch.linalg.inv(camera_to_world)[None, :3]}},
+            "sensor_param": {
+                "above": {"intrinsic_cv": intrinsics, "extrinsic_cv": torch.linalg.inv(camera_to_world)[None, :3]}
+            },
         }
 
 
-def exact_values(present: tuple[int, ...], made: int, gamma: float, weights: tuple[float, float] = (1.0, 1.0)) -> dict[int, np.ndarray]:
+def exact_values(
+    present: tuple[int, ...], made: int, gamma: float, weights: tuple[float, float] = (1.0, 1.0)
+) -> dict[int, np.ndarray]:
     """Q*_k of taking each present patch, from all orders in which patches can be taken: ``{patch: [K]}``."""
     values = {}
     for taken in present:
         rest = tuple(i for i in present if i != taken)
         plans = [order for n in range(DECISIONS - made) for order in permutations(rest, n)]
-        returns = [sum((gamma ** (t + 1) * np.array(PATCHES[i][2]) for t, i in enumerate(plan)), np.zeros(2)) for plan in plans]
+        returns = [
+            sum((gamma ** (t + 1) * np.array(PATCHES[i][2]) for t, i in enumerate(plan)), np.zeros(2)) for plan in plans
+        ]
         best = max(returns, key=lambda r: float(np.dot(weights, r)))
         values[taken] = np.array(PATCHES[taken][2]) + best
     return values

@@ -34,7 +34,9 @@ def bench(cfg: DictConfig) -> None:
         "machine": machine()
     }
     for name, measured in results.items():
-        shown = [f"{key} {value:.4g}" if isinstance(value, float) else f"{key} {value}" for key, value in measured.items()]
+        shown = [
+            f"{key} {value:.4g}" if isinstance(value, float) else f"{key} {value}" for key, value in measured.items()
+        ]
         print(f"{name:<12}{'  '.join(shown)}")
     text = json.dumps(results, indent=1)
     if cfg.out is not None:

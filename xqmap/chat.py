@@ -89,13 +89,21 @@ def score(dialogue: Dialogue, path: Path) -> None:
         questions: Any = OmegaConf.to_container(OmegaConf.load(path))
     except (OSError, OmegaConfBaseException, YAMLError, ValueError, RecursionError) as error:
         raise UserError(f"questions={path} cannot be read ({str(error).splitlines()[0][:80]})") from None
-    if not isinstance(questions, list) or not questions or not all(isinstance(entry, dict) and "ask" in entry for entry in questions):
+    if (
+        not isinstance(questions, list)
+        or not questions
+        or not all(isinstance(entry, dict) and "ask" in entry for entry in questions)
+    ):
         raise UserError(f"questions={path} must be a list of entries with ask, and kind or says")
     exchanges = [dialogue.ask(str(entry["ask"])) for entry in tqdm(questions, unit="question", desc="asking")]
     expected = [as_expected(exchange, entry) for exchange, entry in zip(exchanges, questions, strict=True)]
     for exchange, fits in zip(exchanges, expected, strict=True):
         if exchange.ungrounded or not fits:
-            why = f"not in the decision: {', '.join(exchange.ungrounded)}" if exchange.ungrounded else "not what was expected"
+            why = (
+                f"not in the decision: {', '.join(exchange.ungrounded)}"
+                if exchange.ungrounded
+                else "not what was expected"
+            )
             print(f"{exchange.question}\n  {exchange.answer}\n  ({why})")
     if failures := [exchange.failure for exchange in exchanges if exchange.failure]:
         print(f"{len(failures)} answers are the templates', not the model's ({failures[0]})")

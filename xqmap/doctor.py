@@ -15,7 +15,9 @@ from omegaconf import DictConfig
 from xqmap.config import cli
 from xqmap.errors import UserError
 
-FIX_VULKAN = "run 'make setup' (it installs Mesa's CPU driver), or install a Vulkan driver: Mesa lavapipe 24.3 or newer does"
+FIX_VULKAN = (
+    "run 'make setup' (it installs Mesa's CPU driver), or install a Vulkan driver: Mesa lavapipe 24.3 or newer does"
+)
 # Draws one frame in a process of its own, because a broken driver ends the process instead of raising.
 _FRAME = """
 import numpy, sapien
@@ -86,7 +88,9 @@ def threads() -> Finding:
 def disk() -> Finding:
     """Free disk where runs are written."""
     free = shutil.disk_usage(".").free / 2**30
-    return Finding("disk", free > 1, f"{free:.1f} GiB free here" + ("" if free > 1 else ": a run needs about 1 GiB, free some"))
+    return Finding(
+        "disk", free > 1, f"{free:.1f} GiB free here" + ("" if free > 1 else ": a run needs about 1 GiB, free some")
+    )
 
 
 def memory() -> Finding:

@@ -14,7 +14,9 @@ from xqmap.runs import checkpoint, commands
 
 
 def evaluate(cfg: DictConfig) -> None:
-    """Evaluates ``cfg.run`` as it was trained or on ``cfg.sheets``, with what ``cfg.task.env`` and ``cfg.evaluation`` change."""
+    """Evaluates ``cfg.run`` as it was trained or on ``cfg.sheets``, with what ``cfg.task.env`` and ``cfg.evaluation``
+    change.
+    """
     run = checkpoint.load_run(cli.required(cfg, "run", "run=DIR, a directory that python -m xqmap.train left"))
     told = {"task": cfg.task, "evaluation": {key: value for key, value in cfg.evaluation.items() if value is not None}}
     wanted = [cfg.sheets] if isinstance(cfg.sheets, str) else list(cfg.sheets)
@@ -23,8 +25,13 @@ def evaluate(cfg: DictConfig) -> None:
         raise UserError(f"out={cfg.out} is one file for {len(played)} sheets: leave out away, or name one sheet")
     if cfg.task.env and not cfg.out:
         raise UserError("task.env is changed: give out=FILE, so that no file of this run tells of another world")
-    runs = [sheets.applied(run, OmegaConf.merge(sheets.load(run.cfg.task.name, sheet) if sheet else {}, told)) for sheet in played]
-    outs = [checkpoint.require_place(Path(cfg.out or commands.evaluation_file(run.directory, sheet))) for sheet in played]
+    runs = [
+        sheets.applied(run, OmegaConf.merge(sheets.load(run.cfg.task.name, sheet) if sheet else {}, told))
+        for sheet in played
+    ]
+    outs = [
+        checkpoint.require_place(Path(cfg.out or commands.evaluation_file(run.directory, sheet))) for sheet in played
+    ]
     doctor.require_rendering()
     for changed, sheet, out in zip(runs, played, outs, strict=True):
         commands.evaluate_run(changed, changed.cfg.evaluation, out, sheet)

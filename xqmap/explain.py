@@ -1,4 +1,6 @@
-"""``python -m xqmap.explain run=DIR scene_seed=N`` or ``decision=FILE.json``: why this one, in pictures, charts and sentences."""
+"""``python -m xqmap.explain run=DIR scene_seed=N`` or ``decision=FILE.json``: why this one, in pictures, charts and
+sentences.
+"""
 
 from __future__ import annotations
 
@@ -17,19 +19,27 @@ from xqmap.runs import checkpoint, commands
 
 
 def explain(cfg: DictConfig) -> None:
-    """Builds or reads the decision, then writes every view of it to ``cfg.out``; of several, each into a folder of its own."""
+    """Builds or reads the decision, then writes every view of it to ``cfg.out``; of several, each into a folder of its
+    own.
+    """
     decisions = decisions_of(cfg)
     out = Path(cfg.out) if cfg.out else commands.default_folder(cfg, "explanation")
     folders = [out / f"step{decision.step + 1:02d}" for decision in decisions] if len(decisions) > 1 else [out]
     written = []
-    for decision, folder in zip(tqdm(decisions, unit="decision", desc="drawing", disable=len(decisions) == 1), folders, strict=True):
+    for decision, folder in zip(
+        tqdm(decisions, unit="decision", desc="drawing", disable=len(decisions) == 1), folders, strict=True
+    ):
         written += write(decision, folder)
     if len(decisions) > 1:
         written += plots.save(plots.over_time(decisions), out / "episode")
         checkpoint.write_atomically(out / "explanation.html", page(decisions).encode())
         written.append(out / "explanation.html")
     for decision in decisions:
-        print(f"\nDecision {decision.step + 1}: {decision.selected.object}" if len(decisions) > 1 else "", text(decision), sep="\n")
+        print(
+            f"\nDecision {decision.step + 1}: {decision.selected.object}" if len(decisions) > 1 else "",
+            text(decision),
+            sep="\n",
+        )
     print(f"\nwrote {len(written)} files to {out}: {', '.join(sorted({path.name for path in written}))}")
 
 

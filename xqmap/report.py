@@ -1,4 +1,6 @@
-"""``python -m xqmap.report runs=DIR``: what a folder of runs learned, as one page, or its table as Markdown or CSV, and its charts."""
+"""``python -m xqmap.report runs=DIR``: what a folder of runs learned, as one page, or its table as Markdown or CSV, and
+its charts.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,9 @@ FORMATS = ("html", "md", "csv")
 
 
 def report(cfg: DictConfig) -> None:
-    """Reads the runs under ``cfg.runs``, prints their table and writes it, or the page, to ``cfg.out``, and charts to ``cfg.figures``."""
+    """Reads the runs under ``cfg.runs``, prints their table and writes it, or the page, to ``cfg.out``, and charts to
+    ``cfg.figures``.
+    """
     root = cli.required(cfg, "runs", "runs=DIR, a directory that holds runs")
     if cfg.format not in FORMATS:
         raise UserError(f"format={cfg.format} is not one of {', '.join(FORMATS)}")
@@ -32,7 +36,9 @@ def report(cfg: DictConfig) -> None:
     found, left_out = results.collect(root)
     shown = _of_sheets(found, cfg.sheets)
     if cfg.format != "html" and not shown:
-        raise UserError(f"runs={root} holds no evaluation.json to make a table of: python -m xqmap.evaluate run=DIR writes one")
+        raise UserError(
+            f"runs={root} holds no evaluation.json to make a table of: python -m xqmap.evaluate run=DIR writes one"
+        )
     runs: list[Run] = []
     names = None
     if cfg.format == "html" or cfg.figures is not None:
@@ -40,7 +46,10 @@ def report(cfg: DictConfig) -> None:
         left_out |= foreign
         if not runs:
             why = "; ".join(f"{path}: {reason}" for path, reason in list(left_out.items())[:3])
-            raise UserError(f"runs={root} holds no run of xqmap" + (f" ({why})" if why else ": train one with python -m xqmap.train"))
+            raise UserError(
+                f"runs={root} holds no run of xqmap"
+                + (f" ({why})" if why else ": train one with python -m xqmap.train")
+            )
         names = results.swept(runs)
     rows = results.table(shown, results.paper_figures(), names)
     whole = Report(str(root), runs, rows, left_out)

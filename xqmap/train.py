@@ -1,4 +1,6 @@
-"""``python -m xqmap.train +task=landing``: trains, evaluates, leaves a run directory. With ``-m`` many, see ``conf/sweep``."""
+"""``python -m xqmap.train +task=landing``: trains, evaluates, leaves a run directory. With ``-m`` many, see
+``conf/sweep``.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +41,9 @@ def train(cfg: DictConfig) -> float:
     else:
         directory, sweep = Path(HydraConfig.get().runtime.output_dir), HydraConfig.get().mode == RunMode.MULTIRUN
         if not sweep and ((directory / checkpoint.POLICY).exists() or checkpoint.trainings(directory)):
-            raise UserError(f"{directory} already holds a run: choose another hydra.run.dir or go on with resume={directory}")
+            raise UserError(
+                f"{directory} already holds a run: choose another hydra.run.dir or go on with resume={directory}"
+            )
     schema.validate(cfg)
     sheets.chosen(cfg.task.name, cfg.sheets)
     doctor.require_rendering()
@@ -55,7 +59,9 @@ def train(cfg: DictConfig) -> float:
 
 
 def _evaluate(cfg: DictConfig, directory: Path, again: bool) -> float:
-    """Plays the policy of a run as it was trained and on ``cfg.sheets``; unless ``again``, only what was not played yet."""
+    """Plays the policy of a run as it was trained and on ``cfg.sheets``; unless ``again``, only what was not played
+    yet.
+    """
     trained, means = dataclasses.replace(checkpoint.load_run(directory), cfg=cfg), []
     for sheet in [None, *sheets.chosen(cfg.task.name, cfg.sheets)]:
         run = sheets.applied(trained, sheets.load(cfg.task.name, sheet) if sheet else {})
@@ -101,16 +107,25 @@ def _train(cfg: DictConfig, directory: Path, saved: Saved | None) -> None:
     finally:
         trainer.close()
     seconds = time.perf_counter() - start
-    print(f"{trainer.frames} decisions and {trainer.updates} updates in {seconds:.0f} s; policy in {directory / checkpoint.POLICY}")
+    print(
+        f"{trainer.frames} decisions and {trainer.updates} updates in {seconds:.0f} s; policy in "
+        f"{directory / checkpoint.POLICY}"
+    )
     if trainer.stopped_by:
         print(f"stopped; {further()}")
         raise Stopped(trainer.stopped_by)
 
 
 def _write_settings(cfg: DictConfig, directory: Path) -> None:
-    """Leaves what Hydra would have left in ``.hydra``: written once the directory is sure to be this run's own and its world stands."""
+    """Leaves what Hydra would have left in ``.hydra``: written once the directory is sure to be this run's own and its
+    world stands.
+    """
     hydra = HydraConfig.get()
-    for name, content in {"config": cfg, "hydra": OmegaConf.create({"hydra": hydra}), "overrides": hydra.overrides.task}.items():
+    for name, content in {
+        "config": cfg,
+        "hydra": OmegaConf.create({"hydra": hydra}),
+        "overrides": hydra.overrides.task,
+    }.items():
         checkpoint.write_atomically(directory / ".hydra" / f"{name}.yaml", OmegaConf.to_yaml(content).encode())
 
 

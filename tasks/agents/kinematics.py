@@ -1,7 +1,7 @@
 """Kinematics of the UR5e in closed form: forward, and all eight inverse branches. Lengths in metres, angles in radians.
 
-Frames follow the Denavit-Hartenberg table that Universal Robots publishes; the base frame is the one of that table (an arm with its first
-joint at 0 points along −x). Everything is batched over leading axes.
+Frames follow the Denavit-Hartenberg table that Universal Robots publishes; the base frame is the one of that table (an
+arm with its first joint at 0 points along −x). Everything is batched over leading axes.
 """
 
 from __future__ import annotations
@@ -23,7 +23,12 @@ def joint_transform(joint: int, angle: np.ndarray) -> np.ndarray:
     a, d, alpha = DH[joint]
     c, s, zero = np.cos(angle), np.sin(angle), np.zeros_like(angle)
     ca, sa, one = np.cos(alpha), np.sin(alpha), np.ones_like(angle)
-    rows = [[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [zero, sa * one, ca * one, d * one], [zero, zero, zero, one]]
+    rows = [
+        [c, -s * ca, s * sa, a * c],
+        [s, c * ca, -c * sa, a * s],
+        [zero, sa * one, ca * one, d * one],
+        [zero, zero, zero, one],
+    ]
     return np.stack([np.stack(row, -1) for row in rows], -2)
 
 
@@ -39,8 +44,9 @@ def forward(joints: np.ndarray) -> np.ndarray:
 def inverse(pose: np.ndarray) -> np.ndarray:
     """Flange poses in the base frame ``[..., 4, 4]`` → joint angles ``[..., 8, 6]`` in (−π, π].
 
-    The eight branches are shoulder × wrist × elbow, always in that order, so that one branch followed along a path is continuous. A branch
-    that does not reach the pose is NaN. In the wrist's singularity (joint 5 at 0 or π) joint 6 is put to 0.
+    The eight branches are shoulder × wrist × elbow, always in that order, so that one branch followed along a path is
+    continuous. A branch that does not reach the pose is NaN. In the wrist's singularity (joint 5 at 0 or π) joint 6 is
+    put to 0.
     """
     pose = np.asarray(pose, dtype=np.float64)
     solutions = []
@@ -56,9 +62,13 @@ def inverse(pose: np.ndarray) -> np.ndarray:
                 q5 = flip * bend
                 s5 = np.sin(q5)
                 sign = np.sign(np.where(np.abs(s5) < ROUNDING, 0, s5))
-                q6 = np.arctan2(sign * (pose[..., 1, 1] * c1 - pose[..., 0, 1] * s1), sign * (pose[..., 0, 0] * s1 - pose[..., 1, 0] * c1))
+                q6 = np.arctan2(
+                    sign * (pose[..., 1, 1] * c1 - pose[..., 0, 1] * s1),
+                    sign * (pose[..., 0, 0] * s1 - pose[..., 1, 0] * c1),
+                )
                 hand = joint_transform(4, q5) @ joint_transform(5, q6)
-                # From the frame after joint 1 to the one after joint 4; upper arm and forearm are a chain of two in its x-y plane.
+                # From the frame after joint 1 to the one after joint 4; upper arm and forearm are a chain of two in its
+                # x-y plane.
                 middle = _inverse(joint_transform(0, q1)) @ pose @ _inverse(hand)
                 x, y = middle[..., 0, 3], middle[..., 1, 3]
                 fold = _arccos((x * x + y * y - A2 * A2 - A3 * A3) / (2 * A2 * A3))
@@ -74,7 +84,9 @@ def inverse(pose: np.ndarray) -> np.ndarray:
 
 
 def reach(height: np.ndarray | float) -> np.ndarray:
-    """Farthest distance of a flange that points straight down from the axis of joint 1, ``height`` above the base; NaN if there is none."""
+    """Farthest distance of a flange that points straight down from the axis of joint 1, ``height`` above the base; NaN
+    if there is none.
+    """
     with np.errstate(invalid="ignore"):
         stretched = np.sqrt((A2 + A3) ** 2 - (np.asarray(height) + D6 - D1) ** 2)
     return np.hypot(stretched + D5, D4)

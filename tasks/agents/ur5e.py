@@ -72,7 +72,9 @@ class UR5e(BaseAgent):
 
 
 def cup_reach(height: np.ndarray | float) -> np.ndarray:
-    """Farthest horizontal distance (m) from the base axis of a cup that points down with its rim at ``height`` (m) over the table."""
+    """Farthest horizontal distance (m) from the base axis of a cup that points down with its rim at ``height`` (m) over
+    the table.
+    """
     return reach(np.asarray(height) + TOOL)
 
 
@@ -80,7 +82,8 @@ def joints_at(points: np.ndarray, near: np.ndarray) -> np.ndarray:
     """Joint angles ``[N, 6]`` (rad) along a path of the cup's rim, the tool pointing straight down.
 
     Args:
-        points: ``[N, 3]``, the path in the world, m, dense enough that no joint turns more than half a turn from one point to the next.
+        points: ``[N, 3]``, the path in the world, m, dense enough that no joint turns more than half a turn from one
+            point to the next.
         near: ``[6]``, the joint angles the path begins at: full turns are counted from there.
 
     Raises:

@@ -1,4 +1,6 @@
-"""Workers make decisions with the weights the trainer has now, in scenes of their own, and their end is one clear line."""
+"""Workers make decisions with the weights the trainer has now, in scenes of their own, and their end is one clear
+line.
+"""
 
 from __future__ import annotations
 
@@ -83,7 +85,9 @@ def test_workers_get_new_weights_and_see_different_scenes(config: Callable[..., 
         collect.close(source, alone=False)
 
 
-def test_a_parallel_run_trains_goes_on_and_loses_nothing_stored(config: Callable[..., DictConfig], run_directory: Path) -> None:
+def test_a_parallel_run_trains_goes_on_and_loses_nothing_stored(
+    config: Callable[..., DictConfig], run_directory: Path
+) -> None:
     first = train(config("replay=prioritized", "trainer.frames=24"), run_directory)
     stored = len(first.replay)
     assert first.frames == stored >= 24
@@ -98,7 +102,9 @@ def test_a_parallel_run_trains_goes_on_and_loses_nothing_stored(config: Callable
     assert len(second.replay) == second.frames >= 40
 
 
-def test_a_dead_worker_is_named_and_what_was_learned_is_saved(config: Callable[..., DictConfig], run_directory: Path) -> None:
+def test_a_dead_worker_is_named_and_what_was_learned_is_saved(
+    config: Callable[..., DictConfig], run_directory: Path
+) -> None:
     run_directory.mkdir()
     trainer = Trainer(config("trainer.frames=1000"), run_directory)
     step = trainer._step
@@ -130,7 +136,12 @@ def test_what_a_dead_worker_never_read_does_not_hold_up_the_end() -> None:
 
 def test_workers_in_step_repeat_bit_by_bit(config: Callable[..., DictConfig], tmp_path: Path) -> None:
     # An odd number of decisions a round: episodes of two are cut by it and put together again.
-    settings = ("collector=ordered", "collector.frames_per_batch=3", "collector.episodes_per_batch=3", "trainer.frames=24")
+    settings = (
+        "collector=ordered",
+        "collector.frames_per_batch=3",
+        "collector.episodes_per_batch=3",
+        "trainer.frames=24",
+    )
     first, second = (train(config(*settings, "trainer.warmup_frames=6"), tmp_path / name) for name in "ab")
     assert first.updates > 0
     shas = [checkpoint.load_run(tmp_path / name).sha256 for name in "ab"]
@@ -141,7 +152,10 @@ def test_workers_in_step_repeat_bit_by_bit(config: Callable[..., DictConfig], tm
 
 
 def test_a_simulator_that_fails_in_a_worker_ends_the_run_saved(
-    config: Callable[..., DictConfig], run_directory: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+    config: Callable[..., DictConfig],
+    run_directory: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.setattr(build, "make_env", lambda cfg, first_scene: partial(failing_env, cfg, first_scene))
     run_directory.mkdir()
@@ -155,7 +169,9 @@ def test_a_simulator_that_fails_in_a_worker_ends_the_run_saved(
     assert "Traceback" not in told
 
 
-def test_ray_that_does_not_start_or_ends_is_one_line(config: Callable[..., DictConfig], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ray_that_does_not_start_or_ends_is_one_line(
+    config: Callable[..., DictConfig], monkeypatch: pytest.MonkeyPatch
+) -> None:
     class Died(Exception):
         """As Ray's own, of no other kind."""
 
@@ -187,14 +203,23 @@ def test_ray_is_asked_for_by_name(config: Callable[..., DictConfig], monkeypatch
 
 
 def test_an_interrupted_parallel_run_saves_and_leaves_no_process(tmp_path: Path) -> None:
-    settings = ["+task=landing", "trainer=smoke", "trainer.frames=5000", "collector=parallel", "logger.mode=disabled", "hydra.run.dir=run"]
+    settings = [
+        "+task=landing",
+        "trainer=smoke",
+        "trainer.frames=5000",
+        "collector=parallel",
+        "logger.mode=disabled",
+        "hydra.run.dir=run",
+    ]
     here = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
     command = [sys.executable, "-m", "xqmap.train", *settings]
     running = subprocess.Popen(command, cwd=tmp_path, env=here, start_new_session=True, stderr=subprocess.PIPE)
     try:
         metrics, deadline = tmp_path / "run" / "metrics.csv", time.monotonic() + 120
         while (
-            running.poll() is None and time.monotonic() < deadline and not (metrics.exists() and len(metrics.read_text().splitlines()) > 1)
+            running.poll() is None
+            and time.monotonic() < deadline
+            and not (metrics.exists() and len(metrics.read_text().splitlines()) > 1)
         ):
             time.sleep(0.2)
         os.killpg(running.pid, signal.SIGINT)

@@ -21,7 +21,9 @@ STATE = ("heightmap", "action_mask")
 def states(count: int, rows: int = 8, columns: int = 8) -> TensorDict:
     color = torch.randint(0, 256, (count, 3, rows, columns)).float()
     height = torch.rand(count, 1, rows, columns).half().float()
-    return TensorDict({"heightmap": torch.cat((color, height), 1), "action_mask": torch.rand(count, rows * columns) < 0.5}, [count])
+    return TensorDict(
+        {"heightmap": torch.cat((color, height), 1), "action_mask": torch.rand(count, rows * columns) < 0.5}, [count]
+    )
 
 
 def episode(steps: int, rows: int = 8, columns: int = 8, terminated: bool = True) -> TensorDict:
@@ -35,7 +37,9 @@ def episode(steps: int, rows: int = 8, columns: int = 8, terminated: bool = True
 
 
 def replay(capacity: int = 8, batch_size: int = 4, **settings: Any) -> Replay:
-    return Replay(**{"capacity": capacity, "batch_size": batch_size, "augment": False, "next_states": True, "seed": 1, **settings})
+    return Replay(
+        **{"capacity": capacity, "batch_size": batch_size, "augment": False, "next_states": True, "seed": 1, **settings}
+    )
 
 
 def fits(sample: TensorDictBase, made: TensorDictBase) -> bool:
@@ -43,7 +47,11 @@ def fits(sample: TensorDictBase, made: TensorDictBase) -> bool:
     expected = made.clone()
     for key in STATE:
         expected["next", key][made["next", "terminated"].squeeze(-1)] = 0
-    read = ["heightmap", "action", *(("next", key) for key in (*STATE, "reward", "reward_components", "done", "terminated"))]
+    read = [
+        "heightmap",
+        "action",
+        *(("next", key) for key in (*STATE, "reward", "reward_components", "done", "terminated")),
+    ]
     return all(torch.equal(sample[key], expected[key]) and sample[key].dtype == expected[key].dtype for key in read)
 
 
@@ -59,7 +67,8 @@ def test_packing_is_exact_for_what_the_environment_gives() -> None:
 def test_every_sample_is_the_transition_that_was_made(capacity: int, on_disk: bool) -> None:
     torch.manual_seed(0)
     buffer = replay(capacity, on_disk=on_disk)
-    # Two workers whose episodes come in turn, ends of every kind, batches that end amid an episode, and cells that fill no whole byte.
+    # Two workers whose episodes come in turn, ends of every kind, batches that end amid an episode, and cells that fill
+    # no whole byte.
     ends = [(4, True), (5, False), (1, False), (3, True), (6, False), (1, True), (4, False)]
     made = [episode(steps, 7, 5, terminated) for steps, terminated in ends]
     interleaved = torch.stack((made[0], made[-1]), 1).reshape(-1)
@@ -95,7 +104,9 @@ def test_augmentation_moves_map_action_and_mask_together(rows: int, columns: int
     marked = torch.zeros(51, rows * columns)
     marked[torch.arange(51), torch.randint(rows * columns, (51,))] = 1
     made["action"] = marked[:-1].argmax(-1)
-    made["heightmap"][:, 3], made["next", "heightmap"][:, 3] = (part.view(-1, rows, columns) for part in (marked[:-1], marked[1:]))
+    made["heightmap"][:, 3], made["next", "heightmap"][:, 3] = (
+        part.view(-1, rows, columns) for part in (marked[:-1], marked[1:])
+    )
     made["action_mask"], made["next", "action_mask"] = marked[:-1].bool(), marked[1:].bool()
     buffer.extend(made)
     before = buffer.contents()
@@ -124,9 +135,16 @@ def test_on_disk_is_as_in_memory_and_on_the_disk(tmp_path: Path, monkeypatch: py
     for buffer in buffers:
         buffer.extend(made)
     memory, disk = (buffer.sample() for buffer in buffers)
-    assert all(torch.equal(memory[key], disk[key]) for key in ("heightmap", "action", ("next", "heightmap"), ("next", "action_mask")))
+    assert all(
+        torch.equal(memory[key], disk[key])
+        for key in ("heightmap", "action", ("next", "heightmap"), ("next", "action_mask"))
+    )
     mapped = Path(f"/proc/{os.getpid()}/maps").read_text()
-    assert {path.name for path in tmp_path.rglob("*.memmap") if str(path) in mapped} >= {"color.memmap", "height.memmap", "action.memmap"}
+    assert {path.name for path in tmp_path.rglob("*.memmap") if str(path) in mapped} >= {
+        "color.memmap",
+        "height.memmap",
+        "action.memmap",
+    }
     again = replay(augment=True, on_disk=True)
     again.restore(buffers[1].contents(), buffers[1].cursor)
     assert all(torch.equal(value, again.contents()[name]) for name, value in buffers[0].contents().items())

@@ -21,7 +21,9 @@ from xqmap.errors import UserError
 pytestmark = pytest.mark.filterwarnings("ignore:No target network updater")
 
 
-def buffer(capacity: int, batch_size: int, alpha: float = 0.6, beta: tuple[float, float] = (0.4, 1.0)) -> TensorDictReplayBuffer:
+def buffer(
+    capacity: int, batch_size: int, alpha: float = 0.6, beta: tuple[float, float] = (0.4, 1.0)
+) -> TensorDictReplayBuffer:
     generator = torch.Generator().manual_seed(0)
     storage, sampler = LazyTensorStorage(capacity), PrioritySampler(capacity, alpha, *beta)
     return TensorDictReplayBuffer(storage=storage, sampler=sampler, batch_size=batch_size, generator=generator)
@@ -84,7 +86,10 @@ def test_toy_world_is_learned_to_its_exact_values_from_prioritized_samples() -> 
     torch.manual_seed(0)
     made, network = toy_transitions(), Table(2)
     loss = make_loss(network, ["left", "right"], gamma=0.5, loss_function="l2")
-    updater, optimizer = HardUpdate(loss, value_network_update_interval=20), torch.optim.Adam(loss.parameters(), lr=0.05)
+    updater, optimizer = (
+        HardUpdate(loss, value_network_update_interval=20),
+        torch.optim.Adam(loss.parameters(), lr=0.05),
+    )
     replay = buffer(len(made), 6)
     replay.extend(made)
     for _ in range(1200):

@@ -123,7 +123,9 @@ def test_pixel_to_metre_and_back(row: int, column: int, height: float) -> None:
     assert float(point[2]) == pytest.approx(height)
 
 
-@pytest.mark.parametrize(("bounds", "size"), [([[1, 0], [0, 1], [0, 1]], 0.1), ([[0, 1], [0, 1]], 0.1), ([[0, 1]] * 3, 0)])
+@pytest.mark.parametrize(
+    ("bounds", "size"), [([[1, 0], [0, 1], [0, 1]], 0.1), ([[0, 1], [0, 1]], 0.1), ([[0, 1]] * 3, 0)]
+)
 def test_impossible_grids_are_refused(bounds: list[list[float]], size: float) -> None:
     with pytest.raises(ValueError, match=r"bounds|pixel_size"):
         PixelGrid(bounds, size)

@@ -16,7 +16,15 @@ from xqmap.evaluation.statistics import wilson
 
 
 def write_run(
-    root: Path, name: str, correct: int, choices: int = 10, *, task: str = "landing", method: str = "xqmap", seed: int = 0, **settings: Any
+    root: Path,
+    name: str,
+    correct: int,
+    choices: int = 10,
+    *,
+    task: str = "landing",
+    method: str = "xqmap",
+    seed: int = 0,
+    **settings: Any,
 ) -> Path:
     """A finished run as training leaves it, as far as the table needs it."""
     folder = root / name
@@ -24,11 +32,26 @@ def write_run(
     lines = [f"seed: {seed}", *(f"{key}: {json.dumps(value)}" for key, value in settings.items())]
     (folder / ".hydra" / "config.yaml").write_text("\n".join(lines))
     runs = [
-        {"seed": i, "choices": 1, "correct": int(i < correct), "regret": float(i >= correct), "components": {"color": 1.0}}
+        {
+            "seed": i,
+            "choices": 1,
+            "correct": int(i < correct),
+            "regret": float(i >= correct),
+            "components": {"color": 1.0},
+        }
         for i in range(choices)
     ]
-    baselines = {"random pixel": {"mean": 0.1, "std": 0.3, "choices": choices, "ci95": list(wilson(1, 10)), "regret": 0.9}}
-    content = {"task": task, "method": method, "training_seed": seed, "runs": runs, "baselines": baselines, "weights_sha256": name}
+    baselines = {
+        "random pixel": {"mean": 0.1, "std": 0.3, "choices": choices, "ci95": list(wilson(1, 10)), "regret": 0.9}
+    }
+    content = {
+        "task": task,
+        "method": method,
+        "training_seed": seed,
+        "runs": runs,
+        "baselines": baselines,
+        "weights_sha256": name,
+    }
     (folder / "evaluation.json").write_text(json.dumps(content | {"confusion": {"cube": {"bowl": 1}}}))
     return folder
 
@@ -68,7 +91,11 @@ def test_swept_settings_split_rows_and_are_named(tmp_path: Path) -> None:
             write_run(tmp_path, f"w{width}s{seed}", 9, seed=seed, qnet={"width": width, "depth": 2})
     found, _ = results.collect(tmp_path)
     assert results.swept(found) == {"landing": ["qnet.width"]}
-    assert [row.label for row in results.table(found)] == ["xqmap, qnet.width=8", "xqmap, qnet.width=16", "random pixel"]
+    assert [row.label for row in results.table(found)] == [
+        "xqmap, qnet.width=8",
+        "xqmap, qnet.width=16",
+        "random pixel",
+    ]
 
 
 def test_settings_that_change_together_are_named_by_one(tmp_path: Path) -> None:
@@ -98,7 +125,9 @@ def test_tasks_methods_and_sheets_stay_apart(tmp_path: Path) -> None:
     write_run(tmp_path, "c", 7, task="grasping", gamma=0.5)
     assert results.paper_figures()["grasping"]["xqmap"].startswith("90.93")
     (tmp_path / "a" / "evaluation-hard.json").write_text((tmp_path / "a" / "evaluation.json").read_text())
-    rows = [row for row in results.table(results.collect(tmp_path)[0], {"landing": {"xqmap": "90 %"}}) if row.training_seeds]
+    rows = [
+        row for row in results.table(results.collect(tmp_path)[0], {"landing": {"xqmap": "90 %"}}) if row.training_seeds
+    ]
     assert [(row.task, row.sheet, row.label, row.paper) for row in rows] == [
         ("grasping", "", "xqmap", ""),
         ("landing", "", "xqmap", "90 %"),
@@ -112,7 +141,12 @@ def test_a_copied_run_counts_once_and_what_is_broken_is_told(tmp_path: Path) -> 
     (tmp_path / "copy").mkdir()
     (tmp_path / "copy" / "evaluation.json").write_text((folder / "evaluation.json").read_text())
     odd = json.dumps(json.loads((folder / "evaluation.json").read_text()) | {"confusion": [1]})
-    for name, text in {"half": '{"task": "lan', "foreign": '{"accuracy": 1}', "none": json.dumps([1]), "odd": odd}.items():
+    for name, text in {
+        "half": '{"task": "lan',
+        "foreign": '{"accuracy": 1}',
+        "none": json.dumps([1]),
+        "odd": odd,
+    }.items():
         (tmp_path / name).mkdir()
         (tmp_path / name / "evaluation.json").write_text(text)
     found, unread = results.collect(tmp_path)

@@ -40,7 +40,9 @@ def jobs(folder: Path) -> list[Path]:
 
 
 @pytest.mark.sim
-def test_jobs_share_no_directory_no_wandb_id_and_no_scene(sweep: Callable[..., Path], capfd: pytest.CaptureFixture[str]) -> None:
+def test_jobs_share_no_directory_no_wandb_id_and_no_scene(
+    sweep: Callable[..., Path], capfd: pytest.CaptureFixture[str]
+) -> None:
     folder = sweep("seed=range(0,2)", "method=xqmap,qlearning")
     found = jobs(folder)
     assert len(found) == 4
@@ -55,7 +57,9 @@ def test_jobs_share_no_directory_no_wandb_id_and_no_scene(sweep: Callable[..., P
     played = [json.loads((job / "evaluation.json").read_text()) for job in found]
     assert sorted("baselines_from" in content for content in played) == [False, True, True, True]
     first = next(job for job, content in zip(found, played, strict=True) if "baselines_from" not in content)
-    assert {content.get("baselines_from", f"{first.name}/evaluation.json") for content in played} == {f"{first.name}/evaluation.json"}
+    assert {content.get("baselines_from", f"{first.name}/evaluation.json") for content in played} == {
+        f"{first.name}/evaluation.json"
+    }
     assert all(content["baselines"] == played[0]["baselines"] != {} for content in played)
     assert "bootstrap" in (folder / "table.csv").read_text()
     with open(folder / "table.csv", newline="") as file:
@@ -166,7 +170,11 @@ def test_every_sheet_is_a_world_that_can_be_built(task: str, name: str) -> None:
 @pytest.mark.parametrize(
     ("chosen", "key", "value"),
     [
-        ("hydra/launcher=slurm", "launcher._target_", "hydra_plugins.hydra_submitit_launcher.submitit_launcher.SlurmLauncher"),
+        (
+            "hydra/launcher=slurm",
+            "launcher._target_",
+            "hydra_plugins.hydra_submitit_launcher.submitit_launcher.SlurmLauncher",
+        ),
         ("hydra/launcher=parallel", "launcher.n_jobs", 2),
         ("hydra/sweeper=search", "sweeper.direction", "maximize"),
     ],

@@ -32,7 +32,9 @@ def decisions(draw: st.DrawFn, most: int = 8) -> Decision:
     rows = [draw(st.lists(VALUE, min_size=count, max_size=count)) for _ in range(count + 1)]
     rows[0] = max(rows, key=sum)
     candidates = [
-        Candidate("Selected" if i == 0 else label(i - 1), f"thing {i}", dict(zip(names, row, strict=True)), (i, i), None, i)
+        Candidate(
+            "Selected" if i == 0 else label(i - 1), f"thing {i}", dict(zip(names, row, strict=True)), (i, i), None, i
+        )
         for i, row in enumerate(rows)
     ]
     return Decision("toy", names, candidates, noise={})
@@ -45,7 +47,10 @@ def made(**values: tuple[float, ...]) -> Decision:
     return Decision(
         "landing",
         names,
-        [Candidate(k, things[k], dict(zip(names, v, strict=True)), (i, i), None, i) for i, (k, v) in enumerate(values.items())],
+        [
+            Candidate(k, things[k], dict(zip(names, v, strict=True)), (i, i), None, i)
+            for i, (k, v) in enumerate(values.items())
+        ],
     )
 
 
@@ -68,7 +73,9 @@ def test_msx_is_the_smallest_set_that_suffices(delta: dict[str, float]) -> None:
     assert set(plus) <= set(positive)
     assert sum(delta[n] for n in plus) > against
     smaller = itertools.combinations(positive, len(plus) - 1)
-    assert all(sum(delta[n] for n in subset) <= against + 1e-12 for subset in smaller) or (against == 0 and len(plus) == 1)
+    assert all(sum(delta[n] for n in subset) <= against + 1e-12 for subset in smaller) or (
+        against == 0 and len(plus) == 1
+    )
     if against == 0:
         assert (len(plus), minus) == (1, [])
     else:
@@ -105,7 +112,9 @@ def test_flip_distance_is_the_length_of_the_smallest_joint_change(delta: dict[st
 @settings(max_examples=60)
 def test_every_number_in_a_sentence_is_one_of_the_decisions(decision: Decision) -> None:
     said = decision.sentences()
-    known = {number(c.overall) for c in decision.candidates} | {number(v) for c in decision.candidates for v in c.values.values()}
+    known = {number(c.overall) for c in decision.candidates} | {
+        number(v) for c in decision.candidates for v in c.values.values()
+    }
     for a, b in itertools.permutations([c.label for c in decision.candidates], 2):
         delta = decision.rdx(a, b)
         known |= {signed(v) for v in delta.values()} | {number(abs(sum(delta.values())))}
@@ -131,11 +140,14 @@ def test_what_is_saved_is_read_back(decision: Decision) -> None:
 def test_sentences_read_like_sentences() -> None:
     said = made(Selected=(0.9, 1.0), A=(1.0, 0.0), B=(0.1, 1.05)).sentences()
     assert said["shallow"] == (
-        "I chose to land on the blue flat block: its overall value, 1.90, is the highest. Color contributes most (1.00)."
+        "I chose to land on the blue flat block: its overall value, 1.90, is the highest. Color contributes most "
+        "(1.00)."
     )
     assert said["contrastive"][0] == (
-        "I chose to land on the blue flat block rather than the gray flat block (A), because color speaks for it (+1.00), though "
-        "flatness speaks against it (-0.10). If color counted 0.10 times as much, the gray flat block would be just as good."
+        "I chose to land on the blue flat block rather than the gray flat block (A), because color speaks for it "
+        "(+1.00), though "
+        "flatness speaks against it (-0.10). If color counted 0.10 times as much, the gray flat block would be just "
+        "as good."
     )
     both = made(Selected=(0.9, 1.0), A=(0.5, 0.5), B=(0.9, 1.0)).sentences()["contrastive"]
     assert "because color and flatness speak for it (+0.50 and +0.40)" in both[0]
@@ -153,7 +165,9 @@ def test_honest_sentences() -> None:
         "The best spot for flatness (A) lies on the same object, the blue flat block: flatness agrees with my choice."
     )
     decision.candidates[2].object_index, decision.candidates[1].object = 0, "blue flat block"
-    assert decision.sentences()["contrastive"][0].startswith("The best spots for flatness (A) and color (B) lie on the same object")
+    assert decision.sentences()["contrastive"][0].startswith(
+        "The best spots for flatness (A) and color (B) lie on the same object"
+    )
     for candidate in decision.candidates:
         candidate.pixel = (0, 0)
     assert "are the very spot I chose to land on" in decision.sentences()["contrastive"][0]
@@ -161,13 +175,18 @@ def test_honest_sentences() -> None:
 
 def test_the_best_other_object_is_spoken_of_where_all_agree_and_where_it_is_close() -> None:
     decision = made(Selected=(1.0, 1.0), A=(0.5, 0.0))
-    decision.objects = [Candidate("green flat block", "green flat block", {"flatness": 0.98, "color": 1.0}, (5, 5), None, 7)]
+    decision.objects = [
+        Candidate("green flat block", "green flat block", {"flatness": 0.98, "color": 1.0}, (5, 5), None, 7)
+    ]
     assert len(decision.sentences()["contrastive"]) == 1
     decision.noise = {"flatness": 0.1}
     assert "the green flat block differ by 0.02" in decision.sentences()["contrastive"][1]
     decision.candidates[1].object_index = 0
     decision.noise = {}
-    assert "rather than the green flat block, because flatness speaks for it (+0.02)" in decision.sentences()["contrastive"][1]
+    assert (
+        "rather than the green flat block, because flatness speaks for it (+0.02)"
+        in decision.sentences()["contrastive"][1]
+    )
 
 
 def test_things_of_the_same_name_are_told_apart() -> None:
@@ -182,11 +201,13 @@ def test_things_of_the_same_name_are_told_apart() -> None:
 def test_a_file_whose_selected_candidate_is_not_the_best_is_not_praised() -> None:
     said = made(Selected=(0.5, 0.0), A=(1.0, 0.0), B=(0.0, 1.2)).sentences()
     assert said["shallow"] == (
-        "I chose to land on the blue flat block, although its overall value, 0.50, is not the highest: the gray flat block (A) and "
+        "I chose to land on the blue flat block, although its overall value, 0.50, is not the highest: the gray flat "
+        "block (A) and "
         "the red inclined block (B) would be better."
     )
     assert said["contrastive"][1] == (
-        "By these values the red inclined block (B) would be better than the blue flat block by 0.70: color speaks against my choice "
+        "By these values the red inclined block (B) would be better than the blue flat block by 0.70: color speaks "
+        "against my choice "
         "(-1.20), though flatness speaks for it (+0.50)."
     )
 
@@ -201,7 +222,8 @@ def test_one_map_for_the_whole_reward_claims_no_property() -> None:
     said = decision.sentences()
     assert "cannot say which property earned it" in said["shallow"]
     assert said["contrastive"] == [
-        "I chose to land on the blue flat block rather than the ground, because its value is 0.90 higher. Through which property, one "
+        "I chose to land on the blue flat block rather than the ground, because its value is 0.90 higher. Through "
+        "which property, one "
         "Q-Map for the whole reward cannot say."
     ]
     assert not any(word in str(said) for word in ("flatness", "color"))
@@ -210,7 +232,10 @@ def test_one_map_for_the_whole_reward_claims_no_property() -> None:
 def test_many_components_say_what_would_have_been_enough() -> None:
     names = ("size", "weight", "texture")
     rows = {"Selected": (1.0, 0.6, 0.0), "A": (0.3, 0.3, 0.4), "B": (0.9, 0.1, 0.9)}
-    things = [Candidate(k, f"crate {k}", dict(zip(names, v, strict=True)), (i, i), None, i) for i, (k, v) in enumerate(rows.items())]
+    things = [
+        Candidate(k, f"crate {k}", dict(zip(names, v, strict=True)), (i, i), None, i)
+        for i, (k, v) in enumerate(rows.items())
+    ]
     said = Decision("toy", names, things).sentences()["contrastive"]
     assert "On its own, size outweighs everything that speaks against it." in said[0]
     things[1].values = {"size": 0.7, "weight": 0.3, "texture": 0.4}
@@ -265,7 +290,11 @@ def test_candidates_are_the_argmaxima_of_allowed_cells(count: int, seed: int) ->
         if pooled.object_index is None:
             # The background away from objects: their edges speak for them too.
             inside = torch.tensor(
-                [min(abs(r - i) + abs(c - j) for i, j in np.argwhere(scene.cells >= 0)) > 2 for r in range(6) for c in range(5)]
+                [
+                    min(abs(r - i) + abs(c - j) for i, j in np.argwhere(scene.cells >= 0)) > 2
+                    for r in range(6)
+                    for c in range(5)
+                ]
             )
         assert pooled.overall == pytest.approx(float(weighted.sum(0)[inside].max()), rel=1e-5)
     plots.qmaps(decision)
@@ -275,7 +304,9 @@ def test_candidates_are_the_argmaxima_of_allowed_cells(count: int, seed: int) ->
     for name, candidate in zip(names, by_object.alternatives, strict=True):
         assert candidate.values[name] == max(thing.values[name] for thing in by_object.objects)
     distance, _ = decision.robustness() or (math.inf, "")
-    apart = (scene.cells != (-1 if decision.selected.object_index is None else decision.selected.object_index)).flatten()
+    apart = (
+        scene.cells != (-1 if decision.selected.object_index is None else decision.selected.object_index)
+    ).flatten()
     each = [
         contrast.flip_distance(dict(zip(names, (weighted[:, expected[0]] - weighted[:, a]).tolist(), strict=True)))
         for a in range(30)
@@ -298,7 +329,9 @@ def test_maps_are_saved_beside_the_decision_and_read_back(tmp_path: Path) -> Non
     (tmp_path / "decision.npz").write_bytes(b"PK")
     with pytest.raises(UserError, match="not the maps of a decision"):
         Decision.load(tmp_path / "decision.json")
-    other = Decision.from_policy(Policy(torch.rand(2, 30), torch.ones(2)), state, scene, task="toy", components=["left", "right"])
+    other = Decision.from_policy(
+        Policy(torch.rand(2, 30), torch.ones(2)), state, scene, task="toy", components=["left", "right"]
+    )
     other.save(tmp_path / "other.json")
     (tmp_path / "other.npz").rename(tmp_path / "decision.npz")
     with pytest.raises(UserError, match="does not belong"):

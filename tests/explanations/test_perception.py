@@ -92,7 +92,12 @@ def test_a_scene_as_ravens_drew_it_is_named() -> None:
         images = [torch.from_numpy(scene[name]).float() for name in ("depth", "intrinsics", "camera_to_world")]
         image = heightmap(torch.from_numpy(scene["color"]), *images, grid).numpy()
     names = sorted(tabletop_vision()(image, grid, None).names)
-    assert sum(name.endswith("bowl") for name in names) == sum(name.endswith("cube") for name in names) == len(names) / 2 == 6
+    assert (
+        sum(name.endswith("bowl") for name in names)
+        == sum(name.endswith("cube") for name in names)
+        == len(names) / 2
+        == 6
+    )
     bowls = ["blue bowl", "gray bowl", "green bowl", "purple bowl", "red bowl", "yellow bowl"]
     assert [name for name in names if name.endswith("bowl")] == bowls
     assert {"blue cube", "orange cube", "red cube"} <= set(names)

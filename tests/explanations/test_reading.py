@@ -30,12 +30,21 @@ BAD: list[tuple[str, str]] = [
     (json.dumps(GOOD | {"candidates": []}), "candidates must be a list that is not empty"),
     (json.dumps(GOOD | {"components": ["a", "a"]}), "names one twice"),
     (json.dumps(GOOD | {"candidates": [GOOD["candidates"][1]]}), "none with the label 'Selected'"),
-    (json.dumps(GOOD | {"candidates": GOOD["candidates"] + [GOOD["candidates"][1]]}), r"candidates\[2\].label repeats 'A'"),
+    (
+        json.dumps(GOOD | {"candidates": GOOD["candidates"] + [GOOD["candidates"][1]]}),
+        r"candidates\[2\].label repeats 'A'",
+    ),
     (json.dumps(GOOD).replace('"color": 0.1', '"colour": 0.1'), r"candidates\[1\].values lacks the component 'color'"),
-    (json.dumps(GOOD).replace('"color": 0.1', f'"color": 1{"0" * 400}'), r"candidates\[1\].values.color must be a finite number"),
+    (
+        json.dumps(GOOD).replace('"color": 0.1', f'"color": 1{"0" * 400}'),
+        r"candidates\[1\].values.color must be a finite number",
+    ),
     (json.dumps(GOOD).replace('"color": 0.1', '"color": NaN'), r"candidates\[1\].values.color must be a finite number"),
     (json.dumps(GOOD).replace('"color": 0.1', '"color": "red"'), r"candidates\[1\].values.color must be a number"),
-    (json.dumps(GOOD).replace('"color": 0.1', '"color": 1e300'), r"candidates\[1\].values.color must be a finite number of at most"),
+    (
+        json.dumps(GOOD).replace('"color": 0.1', '"color": 1e300'),
+        r"candidates\[1\].values.color must be a finite number of at most",
+    ),
     (json.dumps(GOOD).replace('"ground"', '""'), r"candidates\[1\].object must be a text"),
     (json.dumps(GOOD).replace('"ground"', json.dumps("x" * 300)), r"candidates\[1\].object is longer"),
     ("[" * 100_000, "not JSON"),
@@ -66,13 +75,22 @@ def test_a_minimal_file_is_enough_and_hostile_text_stays_text(tmp_path: Path) ->
 
 
 @given(
-    st.recursive(st.none() | st.booleans() | st.floats() | st.text(), lambda x: st.lists(x) | st.dictionaries(st.text(), x), max_leaves=20)
+    st.recursive(
+        st.none() | st.booleans() | st.floats() | st.text(),
+        lambda x: st.lists(x) | st.dictionaries(st.text(), x),
+        max_leaves=20,
+    )
 )
 @settings(max_examples=150)
 def test_any_json_is_either_read_or_refused_in_one_line(content: Any) -> None:
     from xqmap.explanations.reading import parse
 
-    for wrapped in (content, GOOD | {"candidates": content}, GOOD | {"components": content}, GOOD | {"noise": content, "step": content}):
+    for wrapped in (
+        content,
+        GOOD | {"candidates": content},
+        GOOD | {"components": content},
+        GOOD | {"noise": content, "step": content},
+    ):
         try:
             parse(wrapped, "file")
         except UserError as error:

@@ -97,7 +97,8 @@ def test_doubled_cells_are_never_built_and_give_the_same_maps_and_gradients() ->
     net, image = UNet(9, 8, 2), torch.rand(2, 9, 24, 20)
 
     (expected, expected_gradients), (maps, gradients) = (
-        (out, torch.autograd.grad(out.square().sum(), list(net.parameters()))) for out in (plain_unet(net, image), net(image))
+        (out, torch.autograd.grad(out.square().sum(), list(net.parameters())))
+        for out in (plain_unet(net, image), net(image))
     )
     assert torch.allclose(expected, maps, atol=1e-6)
     assert all(torch.allclose(a, b, rtol=1e-4, atol=1e-5) for a, b in zip(expected_gradients, gradients, strict=True))

@@ -1,4 +1,6 @@
-"""What is chosen in bfloat16, as updates choose the next action, is worth what full precision would choose: trained maps, real scenes."""
+"""What is chosen in bfloat16, as updates choose the next action, is worth what full precision would choose: trained
+maps, real scenes.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,8 @@ def test_the_choice_in_bf16_loses_next_to_nothing(task: str, scenes: int) -> Non
             full, half = values
             best, chosen = (masked_argmax(value, state[keys.ACTION_MASK]) for value in values)
             assert not torch.equal(full, half)
-            # Rewards differ by 0.2 and more. Measured: 0.0021 of 60 landing scenes, 0.0037 of 20 grasping scenes at most.
+            # Rewards differ by 0.2 and more. Measured: 0.0021 of 60 landing scenes, 0.0037 of 20 grasping scenes at
+            # most.
             assert 0 <= float(full[best] - full[chosen]) <= 0.01
             assert float((half - full)[state[keys.ACTION_MASK]].abs().max()) <= 0.05
     finally:

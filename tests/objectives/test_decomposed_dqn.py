@@ -1,4 +1,6 @@
-"""The loss against what it must equal: scalar double DQN, the sum over components, exact values, and its own dense self."""
+"""The loss against what it must equal: scalar double DQN, the sum over components, exact values, and its own dense
+self.
+"""
 
 from __future__ import annotations
 
@@ -50,7 +52,9 @@ def transitions(components: int, count: int = 64, seed: int = 0) -> TensorDict:
     return TensorDict({"heightmap": state, "action": action, "next": following}, batch_size=[count])
 
 
-def make_loss(network: TensorDictModuleBase, components: Sequence[str], gamma: float = 0.9, **settings: Any) -> DecomposedDQNLoss:
+def make_loss(
+    network: TensorDictModuleBase, components: Sequence[str], gamma: float = 0.9, **settings: Any
+) -> DecomposedDQNLoss:
     loss = DecomposedDQNLoss(network, components=components, **settings)
     loss.make_value_estimator(gamma=gamma)
     return loss
@@ -67,7 +71,9 @@ def test_one_component_is_scalar_double_dqn(double_dqn: bool) -> None:
     state, following = batch["heightmap"], batch["next", "heightmap"]
     best = (online if double_dqn else target)[following].argmax(-1)
     goes_on = (~batch["next", "terminated"]).squeeze(-1)
-    expected = batch["next", "reward_components"].squeeze(-1) + 0.9 * goes_on * target[following].gather(-1, best[:, None]).squeeze(-1)
+    expected = batch["next", "reward_components"].squeeze(-1) + 0.9 * goes_on * target[following].gather(
+        -1, best[:, None]
+    ).squeeze(-1)
     error = (online[state].gather(-1, batch["action"][:, None]).squeeze(-1) - expected.detach()) ** 2
     assert torch.allclose(loss(batch)["loss_reward"], error.mean())
 
@@ -157,10 +163,17 @@ def toy_transitions() -> TensorDict:
     for i, row in enumerate(rows):
         mask[i, list(subsets[row[3]])] = True
     done = torch.tensor([[row[4]] for row in rows])
-    following = {"heightmap": torch.tensor([row[3] for row in rows]), "reward_components": torch.tensor([row[2] for row in rows])}
+    following = {
+        "heightmap": torch.tensor([row[3] for row in rows]),
+        "reward_components": torch.tensor([row[2] for row in rows]),
+    }
     following |= {"done": done, "terminated": done, "action_mask": mask}
     return TensorDict(
-        {"heightmap": torch.tensor([r[0] for r in rows]), "action": torch.tensor([r[1] for r in rows]), "next": following},
+        {
+            "heightmap": torch.tensor([r[0] for r in rows]),
+            "action": torch.tensor([r[1] for r in rows]),
+            "next": following,
+        },
         batch_size=[len(rows)],
     )
 
@@ -198,7 +211,10 @@ def test_priority_weights_weigh_each_transition_and_ones_change_nothing() -> Non
     plain = make_loss(network, ["a", "b"])(batch)["loss_b"]
     each = make_loss(network, ["a", "b"], reduction="none")(batch)["loss_b"]
     weight = torch.rand(64)
-    ones, weighed = (make_loss(network, ["a", "b"])(batch.clone().set("priority_weight", w))["loss_b"] for w in (torch.ones(64), weight))
+    ones, weighed = (
+        make_loss(network, ["a", "b"])(batch.clone().set("priority_weight", w))["loss_b"]
+        for w in (torch.ones(64), weight)
+    )
     assert torch.equal(ones, plain)
     assert torch.allclose(weighed, (each * weight).mean())
 
@@ -253,7 +269,8 @@ def test_target_moves_only_by_its_updater() -> None:
     assert torch.equal(loss.target_value_network_params["values"], loss.value_network_params["values"])
 
 
-# -- windows ---------------------------------------------------------------------------------------------------------------
+# -- windows
+# ---------------------------------------------------------------------------------------------------------------
 
 
 def qmaps(width: int = 4, depth: int = 2) -> QMaps:
@@ -262,19 +279,28 @@ def qmaps(width: int = 4, depth: int = 2) -> QMaps:
 
 
 def pixels(rows: int, columns: int, corners: bool = True) -> torch.Tensor:
-    where = [(r, c) for r in (0, 1, rows // 2, rows - 2, rows - 1) for c in (0, 1, columns // 2, columns - 2, columns - 1)]
+    where = [
+        (r, c) for r in (0, 1, rows // 2, rows - 2, rows - 1) for c in (0, 1, columns // 2, columns - 2, columns - 1)
+    ]
     return torch.tensor([r * columns + c for r, c in where])
 
 
-@pytest.mark.parametrize(("rows", "columns", "depth"), [(84, 84, 2), (64, 100, 1), (101, 90, 2), (84, 76, 3), (40, 44, 0), (20, 20, 2)])
+@pytest.mark.parametrize(
+    ("rows", "columns", "depth"), [(84, 84, 2), (64, 100, 1), (101, 90, 2), (84, 76, 3), (40, 44, 0), (20, 20, 2)]
+)
 def test_windows_give_the_dense_loss_and_gradient(rows: int, columns: int, depth: int) -> None:
     torch.manual_seed(10)
     network = qmaps(depth=depth)
     action = pixels(rows, columns)
     count = len(action)
     following = {"heightmap": torch.rand(count, 4, rows, columns), "reward_components": torch.rand(count, 2)}
-    following |= {"done": torch.zeros(count, 1, dtype=torch.bool), "terminated": torch.zeros(count, 1, dtype=torch.bool)}
-    batch = TensorDict({"heightmap": torch.rand(count, 4, rows, columns), "action": action, "next": following}, batch_size=[count])
+    following |= {
+        "done": torch.zeros(count, 1, dtype=torch.bool),
+        "terminated": torch.zeros(count, 1, dtype=torch.bool),
+    }
+    batch = TensorDict(
+        {"heightmap": torch.rand(count, 4, rows, columns), "action": action, "next": following}, batch_size=[count]
+    )
     results = []
     for windowed in (False, True):
         loss = make_loss(network, ["a", "b"], windowed=windowed)

@@ -1,4 +1,6 @@
-"""From a folder of runs to a page: what training logs comes back as it was, and nothing that lies among the runs breaks the report."""
+"""From a folder of runs to a page: what training logs comes back as it was, and nothing that lies among the runs breaks
+the report.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +41,11 @@ def sweep(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
             for method in ("xqmap", "qlearning"):
                 for seed in range(3):
                     cfg = toy_settings(
-                        f"method={method}", f"seed={seed}", "logger.mode=offline", "trainer.frames=24", "evaluation.seeds=[0]"
+                        f"method={method}",
+                        f"seed={seed}",
+                        "logger.mode=offline",
+                        "trainer.frames=24",
+                        "evaluation.seeds=[0]",
                     )
                     cfg.task.name = task
                     directory = root / f"{task}-{method}-{seed}"
@@ -50,7 +56,10 @@ def sweep(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
                     trainer.close()
                     result = commands.evaluate_run(directory, cfg.evaluation, directory / "evaluation.json")
                     known = dict.fromkeys(("bias", "mae", "rank_correlation", "sign_accuracy"), 0.25)
-                    extra = {"confusion": {"red patch": {"red patch": 2}}, "calibration": {"exact": {"left": known}, "returns": {}}}
+                    extra = {
+                        "confusion": {"red patch": {"red patch": 2}},
+                        "calibration": {"exact": {"left": known}, "returns": {}},
+                    }
                     (directory / "evaluation.json").write_text(json.dumps(result | extra))
             run = checkpoint.load_run(root / f"{task}-xqmap-0")
             perception = OmegaConf.create({"_target_": "xqmap.explanations.perception.Simulator"})
@@ -106,7 +115,7 @@ def test_nothing_among_the_runs_breaks_the_report(tmp_path: Path) -> None:
 import os, signal, sys, time
 from pathlib import Path
 from tests.conftest import toy_settings
-from xqmap.logs import Log
+from xqmap.trainers.logger import Log
 cfg = toy_settings("logger.mode=offline", "trainer.frames=1000")
 directory = Path(sys.argv[1]); directory.mkdir()
 log = Log(directory, cfg, ["frames", "seconds", "success"])
@@ -124,7 +133,12 @@ run = wandb.init(mode="offline", dir=sys.argv[1], config={"lr": 1}, settings=set
 run.log({"accuracy": 1}); run.finish()
 """
     (root / "other").mkdir()
-    assert subprocess.run([sys.executable, "-c", foreign, str(root / "other")], timeout=120, capture_output=True).returncode == 0
+    assert (
+        subprocess.run(
+            [sys.executable, "-c", foreign, str(root / "other")], timeout=120, capture_output=True
+        ).returncode
+        == 0
+    )
     source = next((root / "killed").rglob("*.wandb"))
     for name, size in {"half": source.stat().st_size // 2, "empty": 0, "header": 3}.items():
         folder = root / name / "wandb" / "offline-run-1"
@@ -154,7 +168,9 @@ def test_the_table_alone_with_its_pictures_and_mistakes(tmp_path: Path) -> None:
     done = call("report", "runs=runs", "format=md", "out=table.md", "figures=docs", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "| landing | xqmap | 90.0 % |" in (tmp_path / "table.md").read_text()
-    assert {path.name for path in (tmp_path / "docs").iterdir()} == {f"landing{n}.{k}" for n in ("", "-choices") for k in ("png", "svg")}
+    assert {path.name for path in (tmp_path / "docs").iterdir()} == {
+        f"landing{n}.{k}" for n in ("", "-choices") for k in ("png", "svg")
+    }
     assert call("report", "runs=runs", "format=csv", cwd=tmp_path).returncode == 0
     assert next(csv.DictReader((tmp_path / "report.csv").open()))["mean"] == "0.9"
     (tmp_path / "nothing").mkdir()
@@ -185,7 +201,9 @@ def test_sheets_are_chosen(tmp_path: Path) -> None:
 def test_a_run_that_is_being_written_is_not_broken(tmp_path: Path) -> None:
     folder = tmp_path / "a"
     (folder / ".hydra").mkdir(parents=True)
-    (folder / ".hydra" / "config.yaml").write_text("{task: {name: landing}, method: {name: xqmap}, trainer: {frames: 40}}")
+    (folder / ".hydra" / "config.yaml").write_text(
+        "{task: {name: landing}, method: {name: xqmap}, trainer: {frames: 40}}"
+    )
     (folder / "metrics.csv").write_text("frames,seconds\n4,1\n8,2\n12,1\n")
     (folder / ".hydra" / "overrides.yaml").write_text("- +task=landing\n")
     with locks.alone(folder):

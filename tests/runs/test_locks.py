@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from xqmap.runs import locks
 from xqmap.errors import UserError
+from xqmap.runs import locks
 
 
 def test_a_directory_in_use_is_left_alone(tmp_path: Path) -> None:

@@ -52,8 +52,14 @@ def test_distance_is_that_to_the_nearest_point_of_the_outline(block: Block, x: f
     assert block.distance(np.array([[x, y]]))[0] == pytest.approx(-outline if left_of_all else outline, abs=1e-9)
 
 
-@given(blocks, st.tuples(number(-9, 9), number(-9, 9), number(0, 3)), st.tuples(number(-9, 9), number(-9, 9), number(10, 25)))
-def test_hides_what_the_line_of_sight_runs_through(block: Block, point: tuple[float, ...], eye: tuple[float, ...]) -> None:
+@given(
+    blocks,
+    st.tuples(number(-9, 9), number(-9, 9), number(0, 3)),
+    st.tuples(number(-9, 9), number(-9, 9), number(10, 25)),
+)
+def test_hides_what_the_line_of_sight_runs_through(
+    block: Block, point: tuple[float, ...], eye: tuple[float, ...]
+) -> None:
     line = np.array(point) + np.linspace(0, 1, 4001)[:, None] * (np.array(eye) - point)
     # How deep each point of the line is in the block, at most.
     depth = np.minimum.reduce([-block.distance(line), block.top_at(line) - line[:, 2], line[:, 2]]).max()

@@ -102,7 +102,9 @@ def test_the_lifted_cube_lies_in_the_bin(world: GraspingEnv) -> None:
 
 
 @pytest.mark.parametrize("holds", [20, 60], ids=["while it is lifted", "on the way to the bin"])
-def test_a_cube_that_drops_is_a_failure_and_the_arm_goes_home(world: GraspingEnv, monkeypatch: pytest.MonkeyPatch, holds: int) -> None:
+def test_a_cube_that_drops_is_a_failure_and_the_arm_goes_home(
+    world: GraspingEnv, monkeypatch: pytest.MonkeyPatch, holds: int
+) -> None:
     put(world, CUBE_AT, Thing("cube", "red", 0.7, 0.4))
     held = iter(range(10_000))
     monkeypatch.setattr(world.suction, "slip", lambda: 0.0 if next(held) < holds or world.suction.body is None else 1.0)
@@ -121,7 +123,9 @@ def test_touching_is_enough_with_the_touch_seal(world: GraspingEnv, monkeypatch:
     assert attempt(world, BOWL_AT.x, BOWL_AT.y, 0.01)[0] == pytest.approx([0.0, RANK["purple"]])
 
 
-def test_an_episode_ends_with_the_last_cube_or_the_limit_of_attempts(world: GraspingEnv, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_episode_ends_with_the_last_cube_or_the_limit_of_attempts(
+    world: GraspingEnv, monkeypatch: pytest.MonkeyPatch
+) -> None:
     put(world, CUBE_AT, BOWL_AT)
     monkeypatch.setattr(world, "attempts", 2)
     assert not attempt(world, 0.6, 0.4, 0.0)[1]["truncated"]
@@ -132,8 +136,12 @@ def test_an_episode_ends_with_the_last_cube_or_the_limit_of_attempts(world: Gras
     assert info["terminated"] and not info["truncated"]
 
 
-@pytest.mark.parametrize("share", [0.1, 0.4, 0.6, 0.8, 0.95], ids=["on the way", "going down", "lifting", "to the bin", "over the bin"])
-def test_a_pick_that_takes_too_long_lifts_nothing_and_the_arm_goes_home(world: GraspingEnv, whole_pick: float, share: float) -> None:
+@pytest.mark.parametrize(
+    "share", [0.1, 0.4, 0.6, 0.8, 0.95], ids=["on the way", "going down", "lifting", "to the bin", "over the bin"]
+)
+def test_a_pick_that_takes_too_long_lifts_nothing_and_the_arm_goes_home(
+    world: GraspingEnv, whole_pick: float, share: float
+) -> None:
     put(world, CUBE_AT, BOWL_AT)
     world.arm.limit = limit = round(share * whole_pick)
     components, info = attempt(world, CUBE_AT.x, CUBE_AT.y, CUBE)
@@ -214,7 +222,12 @@ def test_the_waiting_arm_hides_nothing(world: GraspingEnv) -> None:
         world_points = (ray - to_camera[:3, 3]) @ to_camera[:3, :3]
         assert np.linalg.norm(-to_camera[:3, 3] @ to_camera[:3, :3] - eye) < 1e-3
         inside = ((world_points >= low) & (world_points < high)).all(-1)
-        assert np.abs(with_arm[name][0, ..., 0][inside].astype(int) - without[name]["depth"][0, ..., 0].numpy()[inside]).max() <= 1
+        assert (
+            np.abs(
+                with_arm[name][0, ..., 0][inside].astype(int) - without[name]["depth"][0, ..., 0].numpy()[inside]
+            ).max()
+            <= 1
+        )
     robot.set_root_pose(sapien.Pose(q=[0, 0, 0, 1]))
 
 
@@ -285,7 +298,15 @@ def test_depth_noise_is_drawn_from_the_scene_s_seed() -> None:
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("objects", [9, 31]), ("light", 3), ("depth_noise", -1), ("hover", 0.5), ("attempts", 0), ("layout", "heap"), ("seal", "glue")],
+    [
+        ("objects", [9, 31]),
+        ("light", 3),
+        ("depth_noise", -1),
+        ("hover", 0.5),
+        ("attempts", 0),
+        ("layout", "heap"),
+        ("seal", "glue"),
+    ],
 )
 def test_a_setting_out_of_range_is_named(name: str, value: Any) -> None:
     with pytest.raises(ValueError, match=f"^{name} must be"):

@@ -33,7 +33,10 @@ def block(world: LandingEnv, **values: Any) -> Block:
     """A block near the middle of the view of seed 0."""
     world.reset(seed=0)
     x, y = world._location
-    return Block(**{"x": x + 3, "y": y - 4, "yaw": 25, "length": 2.5, "width": 2.2, "height": 1.4, "incline": 0, "color": "red"} | values)
+    return Block(
+        **{"x": x + 3, "y": y - 4, "yaw": 25, "length": 2.5, "width": 2.2, "height": 1.4, "incline": 0, "color": "red"}
+        | values
+    )
 
 
 def put(world: LandingEnv, *blocks: Block) -> dict[str, Any]:
@@ -152,7 +155,9 @@ def test_a_seed_repeats_scene_and_outcome_whatever_came_before(world: LandingEnv
 def test_one_block_can_be_changed_and_nothing_else(world: LandingEnv) -> None:
     before = world.reset(seed=3)[0]["sensor_data"]["down"]
     rgb, depth, place = before["rgb"].numpy().copy(), before["depth"].numpy().copy(), world._location.copy()
-    colored = next(i for i, one in enumerate(world.blocks) if one.color != "gray" and np.abs(place - (one.x, one.y)).max() < 8)
+    colored = next(
+        i for i, one in enumerate(world.blocks) if one.color != "gray" and np.abs(place - (one.x, one.y)).max() < 8
+    )
     blocks = [one.to_dict() for one in world.blocks]
     blocks[colored]["color"] = "gray"
     after = world.reset(seed=3, options={"blocks": blocks})[0]["sensor_data"]["down"]
@@ -212,7 +217,14 @@ def test_objects_are_those_in_view(world: LandingEnv) -> None:
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("altitude", 3), ("pixel_size", 1.0), ("image_size", 20), ("blocks", [9, 3]), ("incline_deg", [8, 80]), ("inclined_share", 2)],
+    [
+        ("altitude", 3),
+        ("pixel_size", 1.0),
+        ("image_size", 20),
+        ("blocks", [9, 3]),
+        ("incline_deg", [8, 80]),
+        ("inclined_share", 2),
+    ],
 )
 def test_a_setting_out_of_range_is_named(name: str, value: Any) -> None:
     with pytest.raises(ValueError, match=f"^{name} must be between"):

@@ -15,7 +15,10 @@ WEIGHTS = (1.0, 1.0)
 def value_iteration(items: list[Item], weights: tuple[float, float], gamma: float) -> np.ndarray:
     """Q* ``[objects]`` of the state in which every object is there, by sweeps over all subsets of the liftable ones."""
     liftable = [i for i, item in enumerate(items) if item.liftable]
-    states = [frozenset(i for i, there in zip(liftable, bits, strict=True) if there) for bits in product((0, 1), repeat=len(liftable))]
+    states = [
+        frozenset(i for i, there in zip(liftable, bits, strict=True) if there)
+        for bits in product((0, 1), repeat=len(liftable))
+    ]
     value = dict.fromkeys(states, 0.0)
 
     def q(state: frozenset[int], i: int) -> float:

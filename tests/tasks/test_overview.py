@@ -12,7 +12,11 @@ FLAT = Block(4, 3, 30, 3, 2, 1, 0, "red")
 def best(*blocks: Block) -> tuple[float, np.ndarray]:
     """Two for a flat colored top, one for any other, a half for the ground."""
     return best_place(
-        list(blocks), BOUNDS, 0.25, 25.0, lambda thing: 0.5 if thing is None else 1.0 + (thing.flat and thing.color != "gray")
+        list(blocks),
+        BOUNDS,
+        0.25,
+        25.0,
+        lambda thing: 0.5 if thing is None else 1.0 + (thing.flat and thing.color != "gray"),
     )
 
 
@@ -27,7 +31,9 @@ def test_open_ground_is_far_from_blocks() -> None:
     reward, point = best()
     assert (reward, point[2]) == (0.5, 0)
     lonely = Block(0, 0, 0, 20.6, 20.6, 1, 0, "gray")
-    assert best_place([lonely], BOUNDS, 0.25, 25.0, lambda thing: float(thing is None))[0] == 0, "the strip left is narrower than the hull"
+    assert best_place([lonely], BOUNDS, 0.25, 25.0, lambda thing: float(thing is None))[0] == 0, (
+        "the strip left is narrower than the hull"
+    )
 
 
 def test_a_sliver_at_the_rim_does_not_count() -> None:

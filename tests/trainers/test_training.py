@@ -19,7 +19,11 @@ from xqmap.evaluation import play
 from xqmap.runs import checkpoint, commands
 from xqmap.trainers.trainer import Trainer
 
-pytestmark = [pytest.mark.sim, pytest.mark.usefixtures("trust_toy"), pytest.mark.filterwarnings("ignore::FutureWarning")]
+pytestmark = [
+    pytest.mark.sim,
+    pytest.mark.usefixtures("trust_toy"),
+    pytest.mark.filterwarnings("ignore::FutureWarning"),
+]
 
 
 def train(cfg: DictConfig, directory: Path, resume: bool = False) -> Trainer:
@@ -48,8 +52,19 @@ def test_every_method_trains_evaluates_and_leaves_what_it_should(
     result = commands.evaluate_run(run_directory, cfg.evaluation, run_directory / "evaluation.json")
     assert json.loads((run_directory / "evaluation.json").read_text()) == result
     made = {"runs", "success", "confusion", "baselines"}
-    assert {"task", "method", "training_seed", "settings", "decisions", "weights_sha256", "machine", "versions"} | made == set(result)
-    assert sum(count for bests in result["confusion"].values() for count in bests.values()) == result["success"]["choices"]
+    assert {
+        "task",
+        "method",
+        "training_seed",
+        "settings",
+        "decisions",
+        "weights_sha256",
+        "machine",
+        "versions",
+    } | made == set(result)
+    assert (
+        sum(count for bests in result["confusion"].values() for count in bests.values()) == result["success"]["choices"]
+    )
     assert set(result["runs"][0]) == {"seed", "choices", "correct", "regret", "components"}
     assert result["baselines"]["oracle"]["mean"] == 1.0
     assert {"threads", "device", "training_precision", "simulation", "rendering"} <= set(result["machine"])
@@ -61,8 +76,12 @@ def test_every_method_trains_evaluates_and_leaves_what_it_should(
     assert float(rows[-1]["updates"]) > 0
 
 
-def test_an_agent_of_the_toy_world_finds_the_best_patch(toy_config: Callable[..., DictConfig], run_directory: Path) -> None:
-    cfg = toy_config("trainer.frames=240", "trainer.updates_per_frame=1", "trainer.batch_size=16", "exploration.annealing_frames=160")
+def test_an_agent_of_the_toy_world_finds_the_best_patch(
+    toy_config: Callable[..., DictConfig], run_directory: Path
+) -> None:
+    cfg = toy_config(
+        "trainer.frames=240", "trainer.updates_per_frame=1", "trainer.batch_size=16", "exploration.annealing_frames=160"
+    )
     train(cfg, run_directory)
     run = checkpoint.load_run(run_directory)
     env = build.make_env(cfg, 0)()
@@ -84,8 +103,15 @@ def test_confusion_counts_the_object_chosen_against_the_best(toy_config: Callabl
     assert seen == {("red patch", "red patch"): 1, ("green patch", "green patch"): 1}
 
 
-def test_a_preference_changes_what_is_learned_and_what_counts_as_best(toy_config: Callable[..., DictConfig], run_directory: Path) -> None:
-    budget = ["trainer.frames=240", "trainer.updates_per_frame=1", "trainer.batch_size=16", "exploration.annealing_frames=160"]
+def test_a_preference_changes_what_is_learned_and_what_counts_as_best(
+    toy_config: Callable[..., DictConfig], run_directory: Path
+) -> None:
+    budget = [
+        "trainer.frames=240",
+        "trainer.updates_per_frame=1",
+        "trainer.batch_size=16",
+        "exploration.annealing_frames=160",
+    ]
     cfg = toy_config(*budget, "loss.gamma=0")
     # Green is worth 0.2 + 4 · 0.6, blue 4 · 0.4, red only 1; without the preference red is best.
     cfg.task.weights.right = 4.0
@@ -104,9 +130,16 @@ def test_a_preference_changes_what_is_learned_and_what_counts_as_best(toy_config
 
 
 @pytest.mark.parametrize("replay", ["uniform", "prioritized"])
-def test_a_run_that_was_interrupted_ends_like_one_that_was_not(toy_config: Callable[..., DictConfig], tmp_path: Path, replay: str) -> None:
+def test_a_run_that_was_interrupted_ends_like_one_that_was_not(
+    toy_config: Callable[..., DictConfig], tmp_path: Path, replay: str
+) -> None:
     # Three decisions a batch and two an episode: most checkpoints lie in the middle of an episode.
-    settings = ["trainer.frames=48", "trainer.checkpoint_period=9", "replay.capacity=30", "collector.frames_per_batch=3"]
+    settings = [
+        "trainer.frames=48",
+        "trainer.checkpoint_period=9",
+        "replay.capacity=30",
+        "collector.frames_per_batch=3",
+    ]
     cfg = toy_config(f"replay={replay}", *settings)
     train(cfg, tmp_path / "whole")
 
@@ -128,13 +161,19 @@ def test_a_run_that_was_interrupted_ends_like_one_that_was_not(toy_config: Calla
     shas = [checkpoint.load_run(tmp_path / name).sha256 for name in ("whole", "part")]
     assert shas[0] == shas[1]
     assert rows(tmp_path / "part") == rows(tmp_path / "whole")
-    assert [path.name for path in checkpoint.trainings(tmp_path / "part")] == ["training-000048.safetensors", "training-000039.safetensors"]
+    assert [path.name for path in checkpoint.trainings(tmp_path / "part")] == [
+        "training-000048.safetensors",
+        "training-000039.safetensors",
+    ]
 
 
 def rows(directory: Path) -> list[dict[str, str]]:
     """The metrics but for wall-clock."""
     with open(directory / "metrics.csv", newline="") as file:
-        return [{name: row[name] for name in row if not name.startswith(("seconds", "share/"))} for row in csv.DictReader(file)]
+        return [
+            {name: row[name] for name in row if not name.startswith(("seconds", "share/"))}
+            for row in csv.DictReader(file)
+        ]
 
 
 def test_same_seed_same_weights_and_other_seed_others(toy_config: Callable[..., DictConfig], tmp_path: Path) -> None:
@@ -145,7 +184,9 @@ def test_same_seed_same_weights_and_other_seed_others(toy_config: Callable[..., 
     assert shas[0] == shas[1] != shas[2]
 
 
-def test_damaged_foreign_and_missing_checkpoints_are_refused_by_name(toy_config: Callable[..., DictConfig], run_directory: Path) -> None:
+def test_damaged_foreign_and_missing_checkpoints_are_refused_by_name(
+    toy_config: Callable[..., DictConfig], run_directory: Path
+) -> None:
     with pytest.raises(UserError, match="there is no"):
         checkpoint.load_run(run_directory)
     train(toy_config(), run_directory)
@@ -164,7 +205,9 @@ def test_damaged_foreign_and_missing_checkpoints_are_refused_by_name(toy_config:
     checkpoint.load_run(run_directory)
 
 
-def test_a_strangers_settings_cannot_name_code(toy_config: Callable[..., DictConfig], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_strangers_settings_cannot_name_code(
+    toy_config: Callable[..., DictConfig], monkeypatch: pytest.MonkeyPatch
+) -> None:
     cfg = toy_config()
     cfg.task.env = {"_target_": "tests.toy.ToyTask", "first": {"_target_": "os.system", "command": "true"}}
     with pytest.raises(UserError, match=r"os\.system"):
@@ -195,7 +238,9 @@ def test_nan_in_the_loss_stops_with_one_line(toy_config: Callable[..., DictConfi
         trainer.run()
 
 
-def test_an_agent_of_before_a_training_setting_was_there_still_plays(toy_config: Callable[..., DictConfig], run_directory: Path) -> None:
+def test_an_agent_of_before_a_training_setting_was_there_still_plays(
+    toy_config: Callable[..., DictConfig], run_directory: Path
+) -> None:
     train(toy_config(), run_directory)
     tensors, facts = checkpoint.read(run_directory / checkpoint.POLICY)
     del facts["config"]["replay"]["capacity"]

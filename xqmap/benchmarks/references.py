@@ -12,14 +12,20 @@ from xqmap.models.qmaps import QMaps
 from xqmap.models.unet import UNet
 
 
-def plain_heightmap(color: np.ndarray, depth: np.ndarray, intrinsics: np.ndarray, pose: np.ndarray, grid: PixelGrid) -> np.ndarray:
-    """``[4, H, W]`` as Ravens describes it: per camera unproject, keep what is inside, write in order of z; the highest camera wins."""
+def plain_heightmap(
+    color: np.ndarray, depth: np.ndarray, intrinsics: np.ndarray, pose: np.ndarray, grid: PixelGrid
+) -> np.ndarray:
+    """``[4, H, W]`` as Ravens describes it: per camera unproject, keep what is inside, write in order of z; the highest
+    camera wins.
+    """
     low, high = np.array(grid.bounds).T
     heights, colors = [], []
     for image, metres, k, to_world in zip(color, depth, intrinsics, pose, strict=True):
         h, w = metres.shape
         u, v = np.meshgrid(np.arange(w), np.arange(h))
-        points = np.stack(((u - k[0, 2]) * metres / k[0, 0], (v - k[1, 2]) * metres / k[1, 1], metres), axis=-1).reshape(-1, 3)
+        points = np.stack(
+            ((u - k[0, 2]) * metres / k[0, 0], (v - k[1, 2]) * metres / k[1, 1], metres), axis=-1
+        ).reshape(-1, 3)
         points = (to_world @ np.column_stack((points, np.ones(len(points)))).T).T[:, :3]
         kept = ((points >= low) & (points < high)).all(1)
         points, shades = points[kept], image.reshape(-1, 3)[kept]

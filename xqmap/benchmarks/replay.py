@@ -18,7 +18,9 @@ DECISIONS = 60
 
 
 def replay(cfg: DictConfig, see: DictConfig, rounds: int) -> dict[str, Any]:
-    """Sampling and turning 16 of the task's own transitions against the update, without next states (γ = 0) and with them."""
+    """Sampling and turning 16 of the task's own transitions against the update, without next states (γ = 0) and with
+    them.
+    """
     torch.manual_seed(0)
     made, pixel_size = _played(cfg)
     found: dict[str, float] = {}
@@ -30,16 +32,26 @@ def replay(cfg: DictConfig, see: DictConfig, rounds: int) -> dict[str, Any]:
         if not gamma:
             # Nothing follows: the update looks at no next state.
             batch["next", keys.TERMINATED] = torch.ones(BATCH, 1, dtype=torch.bool)
-        step = stepping(changed, build.qmaps(changed, pixel_size).cpu(), True, build.bf16(changed), TensorDict(batch.to_dict(), [BATCH]))
+        step = stepping(
+            changed,
+            build.qmaps(changed, pixel_size).cpu(),
+            True,
+            build.bf16(changed),
+            TensorDict(batch.to_dict(), [BATCH]),
+        )
         sample, update = alternating(memory.sample, step, rounds)
         found |= {f"bytes/gamma={gamma:g}": memory.nbytes / len(memory), f"sample_s/gamma={gamma:g}": sample}
         found |= {f"update_s/gamma={gamma:g}": update, f"share/gamma={gamma:g}": sample / (sample + update)}
-    most = {name: limit for name in found for part, limit in (("bytes", 300_000), ("share", 0.1)) if name.startswith(part)}
+    most = {
+        name: limit for name in found for part, limit in (("bytes", 300_000), ("share", 0.1)) if name.startswith(part)
+    }
     return {**found, "decisions": len(made), "goals": goals(found, {}, most)}
 
 
 def _played(cfg: DictConfig) -> tuple[TensorDictBase, float]:
-    """Decisions ``[DECISIONS]`` at random pixels of the task, episode after episode, and the edge of its cells in metres."""
+    """Decisions ``[DECISIONS]`` at random pixels of the task, episode after episode, and the edge of its cells in
+    metres.
+    """
     world = build.make_env(cfg, first_scene=play.training_scenes(cfg.seed))()
     try:
         made = [step.clone() for step in deciding(world, DECISIONS)]

@@ -49,10 +49,17 @@ def alternating(first: Callable[[], Any], second: Callable[[], Any], rounds: int
 
 
 def transitions(cfg: DictConfig, rows: int = ROWS, columns: int = COLUMNS) -> TensorDict:
-    """A batch as the replay buffer gives it: raised boxes of random colors, none of them the last decision of an episode."""
+    """A batch as the replay buffer gives it: raised boxes of random colors, none of them the last decision of an
+    episode.
+    """
     done, count = torch.zeros(BATCH, 1, dtype=torch.bool), len(cfg.method.components)
     images = torch.rand(2, BATCH, 4, rows, columns) * torch.tensor([255.0, 255, 255, 0.2]).view(4, 1, 1)
-    following = {keys.HEIGHTMAP: images[1], cfg.method.reward_key: torch.rand(BATCH, count), keys.DONE: done, keys.TERMINATED: done}
+    following = {
+        keys.HEIGHTMAP: images[1],
+        cfg.method.reward_key: torch.rand(BATCH, count),
+        keys.DONE: done,
+        keys.TERMINATED: done,
+    }
     state = {keys.HEIGHTMAP: images[0], keys.ACTION: torch.randint(rows * columns, (BATCH,)), "next": following}
     return TensorDict(state, batch_size=[BATCH])
 
@@ -107,7 +114,9 @@ def taking(call: Callable[[], Any], rounds: int) -> float:
 
 
 def update(cfg: DictConfig, see: DictConfig, rounds: int) -> dict[str, Any]:
-    """One gradient step: full maps in fp32, contiguous, net after net, against windows, channels-last and (where native) bf16."""
+    """One gradient step: full maps in fp32, contiguous, net after net, against windows, channels-last and (where
+    native) bf16.
+    """
     torch.manual_seed(0)
     batch, bf16 = transitions(cfg), build.bf16(cfg)
     network = build.qmaps(cfg, PIXEL_SIZE).cpu()
@@ -119,9 +128,17 @@ def update(cfg: DictConfig, see: DictConfig, rounds: int) -> dict[str, Any]:
         step()
     peak = convolutions.seconds(rounds)
     return {
-        **{"dense_s": dense, "ours_s": ours, "ratio": dense / ours, "convolutions_s": peak, "share_of_conv_peak": peak / ours},
+        **{
+            "dense_s": dense,
+            "ours_s": ours,
+            "ratio": dense / ours,
+            "convolutions_s": peak,
+            "share_of_conv_peak": peak / ours,
+        },
         **{"bf16": bf16, "map": [ROWS, COLUMNS], "batch": BATCH, "components": len(cfg.method.components)},
-        "goals": goals({"ratio": dense / ours, "share_of_conv_peak": peak / ours}, {"ratio": 15, "share_of_conv_peak": 0.5}),
+        "goals": goals(
+            {"ratio": dense / ours, "share_of_conv_peak": peak / ours}, {"ratio": 15, "share_of_conv_peak": 0.5}
+        ),
     }
 
 
@@ -136,7 +153,9 @@ def goals(measured: dict[str, float], least: dict[str, float], most: dict[str, f
 
 
 def fusion(cfg: DictConfig, see: DictConfig, rounds: int) -> dict[str, Any]:
-    """Three 640 × 480 views into one map: the published algorithm in plain numpy against :func:`xqmap.envs.heightmap.heightmap`."""
+    """Three 640 × 480 views into one map: the published algorithm in plain numpy against
+    :func:`xqmap.envs.heightmap.heightmap`.
+    """
     grid = PixelGrid([[0.25, 0.75], [-0.5, 0.5], [0.0, 0.28]], PIXEL_SIZE)
     intrinsics = torch.tensor([[450.0, 0, 320], [0, 450, 240], [0, 0, 1]]).repeat(3, 1, 1)
     pose = torch.eye(4).repeat(3, 1, 1)
@@ -155,7 +174,9 @@ def fusion(cfg: DictConfig, see: DictConfig, rounds: int) -> dict[str, Any]:
     same = np.abs(heightmap(color, depth, intrinsics, pose, grid).numpy()[3] - plainly()[3]) < 1e-3
     return {
         **{"plain_s": plain, "ours_s": ours, "ratio": plain / ours, "same_heights": float(same.mean())},
-        "goals": goals({"ratio": plain / ours, "same_heights": float(same.mean())}, {"ratio": 15, "same_heights": 0.99}),
+        "goals": goals(
+            {"ratio": plain / ours, "same_heights": float(same.mean())}, {"ratio": 15, "same_heights": 0.99}
+        ),
     }
 
 
@@ -178,7 +199,9 @@ def scale(cfg: DictConfig, see: DictConfig, rounds: int) -> dict[str, Any]:
     if "objects" in cfg.task.env:
         for objects in (7, 15, 30):
             value = objects if isinstance(cfg.task.env.objects, int) else [objects, objects]
-            found[f"decisions_per_s/objects={objects}"] = env(altered(cfg, {"task.env.objects": value}), see, 4 * rounds)["decisions_per_s"]
+            found[f"decisions_per_s/objects={objects}"] = env(
+                altered(cfg, {"task.env.objects": value}), see, 4 * rounds
+            )["decisions_per_s"]
     growth = {
         "components 2 to 8": found["update_s/components=8"] / found["update_s/components=2"],
         "gradient, map area × 4": found["gradient_s/map=640x320"] / found["gradient_s/map=320x160"],
@@ -241,7 +264,9 @@ def env(cfg: DictConfig, see: DictConfig, rounds: int) -> dict[str, Any]:
         total, spent = time.perf_counter() - start, world.seconds
     finally:
         world.close()
-    return {"decisions": made, "decisions_per_s": made / total} | {f"share_{n}": (spent[n] - before[n]) / total for n in spent}
+    return {"decisions": made, "decisions_per_s": made / total} | {
+        f"share_{n}": (spent[n] - before[n]) / total for n in spent
+    }
 
 
 def perception(cfg: DictConfig, see: DictConfig, rounds: int) -> dict[str, Any]:

@@ -1,4 +1,5 @@
-"""Who makes the decisions that training learns from: one simulator in this process, worker processes, or machines of a Ray cluster.
+"""Who makes the decisions that training learns from: one simulator in this process, worker processes, or machines of a
+Ray cluster.
 
 All of it is torchrl's own; this file only says what a worker builds, and turns a worker's end into one clear line.
 """
@@ -53,7 +54,9 @@ def collector(cfg: DictConfig, env: ManiSkillEnv, policy: TensorDictModuleBase, 
     if settings.name == "ordered":
         synced = {"policy": _Acknowledged()}
         frames = settings.frames_per_batch * settings.workers
-        return Collector(envs, policy, sync=True, frames_per_batch=frames, weight_sync_schemes=synced, **processes, **shared)
+        return Collector(
+            envs, policy, sync=True, frames_per_batch=frames, weight_sync_schemes=synced, **processes, **shared
+        )
     shared |= {"frames_per_batch": settings.frames_per_batch, "sync": False}
     # Whole episodes, so that what is logged and learned never mixes two workers' decisions.
     whole = {"trajs_per_batch": settings.episodes_per_batch, "traj_format": "cat"}
@@ -63,7 +66,9 @@ def collector(cfg: DictConfig, env: ManiSkillEnv, policy: TensorDictModuleBase, 
         remote = {"num_cpus": 1, "num_gpus": 0}
         kwargs = [dict(whole) for _ in envs]
         try:
-            return Collector(envs, backend="ray", policy_factory=policies, collector_kwargs=kwargs, remote_configs=remote, **shared)
+            return Collector(
+                envs, backend="ray", policy_factory=policies, collector_kwargs=kwargs, remote_configs=remote, **shared
+            )
         except Exception as error:  # Ray's are of no common kind
             fix = "see that RAY_ADDRESS names a cluster, or is not set"
             raise UserError(f"collector=ray: no worker starts ({brief(error)}): {fix}") from error
@@ -83,7 +88,9 @@ class _Unheard(MultiProcessWeightSyncScheme):
 
 
 class _Acknowledged(_Unheard):
-    """Goes on when every worker has its new weights; or, if one has died and never will, when collecting finds that out."""
+    """Goes on when every worker has its new weights; or, if one has died and never will, when collecting finds that
+    out.
+    """
 
     def _wait_for_ack(self, worker_ids: int | list[int] | None = None, timeout: float | None = _PATIENCE) -> None:
         super()._wait_for_ack(worker_ids, timeout)
@@ -125,7 +132,8 @@ def _in_order(source: BaseCollector, episodes: int) -> Iterator[TensorDictBase]:
 
 def share(source: BaseCollector, policy: TensorDictModuleBase) -> None:
     """Sends the present weights, and how far exploration has come, to the workers."""
-    # A copy, since the next update may begin before it has arrived; in plain memory order, which is all that Ray's transport takes.
+    # A copy, since the next update may begin before it has arrived; in plain memory order, which is all that Ray's
+    # transport takes.
     weights = TensorDict.from_module(policy).data.cpu()
     source.update_policy_weights_(weights.apply(partial(torch.clone, memory_format=torch.contiguous_format)))
 
@@ -136,7 +144,8 @@ def close(source: BaseCollector, alone: bool) -> None:
 
 
 class _Worker:
-    """Builds the environment where it is called. An interrupt at the keyboard reaches every process: the trainer alone answers it.
+    """Builds the environment where it is called. An interrupt at the keyboard reaches every process: the trainer alone
+    answers it.
 
     What fails there is told there, in one line, and ends the process: raised, it would be told with all its stacks.
     """

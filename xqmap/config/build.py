@@ -1,4 +1,6 @@
-"""From settings to objects: the only caller of ``hydra.utils.instantiate``, and the one place where networks get their sizes."""
+"""From settings to objects: the only caller of ``hydra.utils.instantiate``, and the one place where networks get their
+sizes.
+"""
 
 from __future__ import annotations
 
@@ -80,7 +82,9 @@ def shapes(cfg: DictConfig, pixel_size: float) -> dict[str, torch.Size]:
 
 
 def _untrained(cfg: DictConfig, pixel_size: float) -> QMaps:
-    stem = LocalGeometry(pixel_size, cfg.qnet.height_scale, list(cfg.qnet.plane_windows), cfg.qnet.surroundings, cfg.qnet.slope_scale)
+    stem = LocalGeometry(
+        pixel_size, cfg.qnet.height_scale, list(cfg.qnet.plane_windows), cfg.qnet.surroundings, cfg.qnet.slope_scale
+    )
     unet = partial(UNet, width=cfg.qnet.width, depth=cfg.qnet.depth)
     # A task whose transitions may be turned and mirrored is decided on from all sides, too.
     return QMaps(cfg.method.components, stem, unet, cfg.method.weights, symmetric=cfg.replay.augment)
@@ -90,7 +94,9 @@ def replay(cfg: DictConfig) -> Replay:
     """The empty replay buffer of ``cfg.replay``; next states are kept where ``loss.gamma`` needs them."""
     kept = cfg.replay
     sampler = PrioritySampler(kept.capacity, kept.alpha, kept.beta_init, kept.beta_end) if kept.alpha > 0 else None
-    return Replay(kept.capacity, cfg.trainer.batch_size, kept.augment, cfg.loss.gamma > 0, cfg.seed, kept.on_disk, sampler)
+    return Replay(
+        kept.capacity, cfg.trainer.batch_size, kept.augment, cfg.loss.gamma > 0, cfg.seed, kept.on_disk, sampler
+    )
 
 
 def exploration(cfg: DictConfig) -> EpsilonGreedy:
@@ -121,7 +127,9 @@ def language_model(settings: DictConfig) -> LanguageModel | None:
 
 
 def _trusted(settings: Any, where: str, offers: str, **extra: Any) -> Any:
-    """Builds the one class that ``settings`` name: of a trusted package, defined where it is named, with the attribute ``offers``."""
+    """Builds the one class that ``settings`` name: of a trusted package, defined where it is named, with the attribute
+    ``offers``.
+    """
     content = OmegaConf.to_container(settings, resolve=True) if OmegaConf.is_config(settings) else settings
     if not isinstance(content, dict) or not isinstance(content.get("_target_"), str):
         raise UserError(f"{where} names no _target_: give a class of {' or '.join(name + '*' for name in TRUSTED)}")

@@ -33,7 +33,8 @@ CONF = str(Path(conf.__path__[0]).resolve())
 def main(config_name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[], None]]:
     """Turns ``command(cfg)`` into a program configured by ``conf/<config_name>.yaml`` and ``key=value`` arguments.
 
-    Exit status: 0 when it did what was asked, 1 on a mistake the person can mend (told in one line), 130 on Ctrl-C, 143 on SIGTERM. Of a
+    Exit status: 0 when it did what was asked, 1 on a mistake the person can mend (told in one line), 130 on Ctrl-C, 143
+        on SIGTERM. Of a
     sweep's jobs (``-m``) one that fails does not keep the others from running; Ctrl-C ends the sweep.
     """
 
@@ -53,7 +54,8 @@ def main(config_name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[
                     return command(cfg)
                 except BaseException as error:
                     _forget_empty_run()
-                    # One job's failure is Hydra's to keep until the others have run; of a single run it would add lines of its own.
+                    # One job's failure is Hydra's to keep until the others have run; of a single run it would add lines
+                    # of its own.
                     if not isinstance(error, Exception) or HydraConfig.get().mode == RunMode.MULTIRUN:
                         raise
                     failed.append(error)
@@ -69,7 +71,8 @@ def main(config_name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[
                 print("stopped", file=sys.stderr)
                 sys.exit(130)
             except Exception as error:
-                # Before the command began, whatever went wrong is a mistake in its arguments, of whichever type Hydra makes it.
+                # Before the command began, whatever went wrong is a mistake in its arguments, of whichever type Hydra
+                # makes it.
                 if not (line := told(error) if composed else told(error) or mistake(error)):
                     raise
                 sys.exit(one_line(line))
@@ -134,11 +137,18 @@ def resume_in_place(arguments: list[str]) -> None:
     Raises:
         SystemExit: if other settings stand beside ``resume``; a run goes on as it was started.
     """
-    resumed = next((argument.removeprefix("resume=") for argument in arguments[1:] if argument.startswith("resume=")), None)
+    resumed = next(
+        (argument.removeprefix("resume=") for argument in arguments[1:] if argument.startswith("resume=")), None
+    )
     if resumed and resumed != "null":
         if len(arguments) > 2:
             sys.exit(one_line("resume=DIR goes on with the settings the run was started with: give no other setting"))
-        arguments += ["hydra.run.dir=.", "hydra.output_subdir=null", "hydra/job_logging=none", "hydra/hydra_logging=none"]
+        arguments += [
+            "hydra.run.dir=.",
+            "hydra.output_subdir=null",
+            "hydra/job_logging=none",
+            "hydra/hydra_logging=none",
+        ]
 
 
 def _forget_empty_run() -> None:
@@ -167,4 +177,8 @@ def mistake(error: Exception) -> str:
     if any("Missing mandatory value: task" in line for line in kept):
         return "no task: add +task=NAME, one of conf/task (+task=landing)"
     text = " ".join(line for line in kept if not line.startswith("full_key:"))
-    return f"{key}: {text}" if key and key not in text else text or f"these arguments cannot be read ({type(error).__name__})"
+    return (
+        f"{key}: {text}"
+        if key and key not in text
+        else text or f"these arguments cannot be read ({type(error).__name__})"
+    )

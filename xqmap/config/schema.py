@@ -1,4 +1,6 @@
-"""Types and ranges of the settings: a wrong name, type or value is refused before anything starts. Defaults live in ``conf/`` only."""
+"""Types and ranges of the settings: a wrong name, type or value is refused before anything starts. Defaults live in
+``conf/`` only.
+"""
 
 from __future__ import annotations
 
@@ -154,7 +156,9 @@ def typed(cfg: DictConfig | ListConfig) -> DictConfig:
         merged = OmegaConf.merge(OmegaConf.structured(Schema), cfg)
     except OmegaConfBaseException as error:
         place = f" ({error.full_key})" if getattr(error, "full_key", None) else ""
-        raise UserError(f"these settings{place} do not fit this version of xqmap: {str(error).splitlines()[0]}") from None
+        raise UserError(
+            f"these settings{place} do not fit this version of xqmap: {str(error).splitlines()[0]}"
+        ) from None
     assert isinstance(merged, DictConfig)
     return merged
 
@@ -187,7 +191,9 @@ def validate(cfg: DictConfig, playing: bool = False) -> None:
     if not all(math.isfinite(weight) and weight >= 0 for weight in (*cfg.task.weights.values(), *cfg.method.weights)):
         raise UserError("task.weights must be finite numbers of 0 or more")
     if len(cfg.method.weights) != len(cfg.method.components):
-        raise UserError(f"method.weights has {len(cfg.method.weights)} numbers for the components {list(cfg.method.components)}")
+        raise UserError(
+            f"method.weights has {len(cfg.method.weights)} numbers for the components {list(cfg.method.components)}"
+        )
     if any(edge % 2 == 0 or not 3 <= edge <= 255 for edge in (*cfg.qnet.plane_windows, cfg.qnet.surroundings)):
         raise UserError("qnet.plane_windows and qnet.surroundings must be odd numbers of cells from 3 to 255")
     if cfg.threads is not None and not 1 <= cfg.threads <= 4096:
@@ -198,7 +204,9 @@ def validate(cfg: DictConfig, playing: bool = False) -> None:
         raise UserError(f"replay.capacity={cfg.replay.capacity} must be at most {2**24} where replay.alpha is above 0")
     until = cfg.evaluation.until or {}
     if unknown := set(until) - set(cfg.task.components):
-        raise UserError(f"evaluation.until names {sorted(unknown)}; the task's components are {list(cfg.task.components)}")
+        raise UserError(
+            f"evaluation.until names {sorted(unknown)}; the task's components are {list(cfg.task.components)}"
+        )
     if not all(math.isfinite(total) and total > 0 for total in until.values()):
         raise UserError("evaluation.until must hold finite numbers above 0")
     if not cfg.evaluation.seeds:

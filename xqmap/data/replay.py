@@ -19,10 +19,12 @@ from xqmap.data.symmetry import elements, transform
 
 
 class Replay:
-    """Transitions whose states are stored once, as 8-bit colours, half-precision heights and one bit for each cell that may be chosen.
+    """Transitions whose states are stored once, as 8-bit colours, half-precision heights and one bit for each cell that
+    may be chosen.
 
-    Within an episode the state after a transition is the next transition's own. Only where the next place holds another state (the episode
-    was cut short, another worker's came between, the next is yet to come) is it kept aside, and after the end of an episode not at all.
+    Within an episode the state after a transition is the next transition's own. Only where the next place holds another
+    state (the episode was cut short, another worker's came between, the next is yet to come) is it kept aside, and
+    after the end of an episode not at all.
 
     Args:
         capacity: transitions kept.
@@ -30,7 +32,8 @@ class Replay:
         augment: turn and mirror what is sampled (all of D4 where the map is square, flips and the half turn otherwise).
         next_states: know the next state too; without bootstrapping (γ = 0) nothing reads it.
         seed: of sampling and augmentation.
-        on_disk: keep states in memory-mapped files of the system's temporary directory (``TMPDIR``) instead of in memory.
+        on_disk: keep states in memory-mapped files of the system's temporary directory (``TMPDIR``) instead of in
+            memory.
         sampler: which transitions are drawn; all alike when not given.
     """
 
@@ -63,7 +66,9 @@ class Replay:
         return sum(value.nbytes for value in self.contents().values())
 
     def extend(self, transitions: TensorDictBase) -> None:
-        """Stores ``[N]`` transitions in the order in which they were made; keys that learning does not read are left out."""
+        """Stores ``[N]`` transitions in the order in which they were made; keys that learning does not read are left
+        out.
+        """
         for part in transitions.split(self.capacity):
             self._extend(part)
 
@@ -104,7 +109,9 @@ class Replay:
             found["priority"] = self.sampler.priorities[: len(self)]
         if places := list(self.aside):
             kept = self.aside[places].flatten_keys(".")
-            found |= {"aside.place": torch.tensor(places)} | {f"aside.state.{name}": value for name, value in kept.items()}
+            found |= {"aside.place": torch.tensor(places)} | {
+                f"aside.state.{name}": value for name, value in kept.items()
+            }
         return found
 
     def first(self) -> Tensor:
@@ -121,19 +128,23 @@ class Replay:
         if isinstance(self.sampler, PrioritySampler):
             self.sampler.priorities[: len(self)] = contents["priority"]
         if "aside.place" in contents:
-            aside = _unflatten({name.removeprefix("aside."): value for name, value in contents.items() if name.startswith("aside.")})
+            aside = _unflatten(
+                {name.removeprefix("aside."): value for name, value in contents.items() if name.startswith("aside.")}
+            )
             for place, packed in zip(aside["place"].tolist(), aside["state"], strict=True):
                 self.aside[place] = packed
 
     def sample(self, progress: float = 0.0) -> TensorDictBase:
-        """``[B]`` transitions with heightmaps ``[B, 4, H, W]`` float32, turned and mirrored at random where augmentation is on.
+        """``[B]`` transitions with heightmaps ``[B, 4, H, W]`` float32, turned and mirrored at random where
+        augmentation is on.
 
         Args:
             progress: how much of the training is done, 0 to 1; for a sampler that asks.
 
         Returns:
-            ``heightmap``, ``action``, ``index`` (the places in the storage), of prioritised replay ``priority_weight`` ``[B]``, and under
-            ``"next"`` what followed; with next states ``heightmap`` and ``action_mask`` ``[B, A]`` too, all 0 after the end of an episode.
+            ``heightmap``, ``action``, ``index`` (the places in the storage), of prioritised replay ``priority_weight``
+            ``[B]``, and under ``"next"`` what followed; with next states ``heightmap`` and ``action_mask`` ``[B, A]``
+            too, all 0 after the end of an episode.
         """
         if isinstance(self.sampler, PrioritySampler):
             self.sampler.progress = progress
@@ -193,7 +204,9 @@ class Aside:
 
 
 def pack(heightmap: Tensor, allowed: Tensor | None = None) -> TensorDict:
-    """Maps ``[N, 4, H, W]`` and masks ``[N, A]`` as 8-bit colour, half-precision height and one bit a cell: 5⅛ bytes a cell."""
+    """Maps ``[N, 4, H, W]`` and masks ``[N, A]`` as 8-bit colour, half-precision height and one bit a cell: 5⅛ bytes a
+    cell.
+    """
     parts = {"color": heightmap[:, :3].round().to(torch.uint8), "height": heightmap[:, 3].half()}
     if allowed is not None:
         parts["allowed"] = torch.from_numpy(np.packbits(allowed.numpy(), axis=-1))
@@ -235,7 +248,10 @@ def _moved(rows: int, columns: int) -> Tensor:
 
 def _same(first: TensorDictBase, second: TensorDictBase) -> Tensor:
     """``[N]`` bool: whether the states of two batches are the same, bit for bit."""
-    parts = [(first[name].view(torch.uint8) == second[name].view(torch.uint8)).flatten(1).all(1) for name in set(first.keys())]
+    parts = [
+        (first[name].view(torch.uint8) == second[name].view(torch.uint8)).flatten(1).all(1)
+        for name in set(first.keys())
+    ]
     return torch.stack(parts).all(0)
 
 

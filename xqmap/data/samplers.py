@@ -19,10 +19,13 @@ _FILE = "priorities.safetensors"
 
 
 class PrioritySampler(Sampler):
-    """Proportional prioritised replay (Schaul et al. 2016, arXiv:1511.05952): transition i comes with P(i) ∝ p_i = (|δ_i| + ε)^α.
+    """Proportional prioritised replay (Schaul et al. 2016, arXiv:1511.05952): transition i comes with P(i) ∝ p_i =
+    (|δ_i| + ε)^α.
 
-    What is drawn more often counts less: w_i = P(i)^−β over the largest of its batch, written as ``priority_weight``. A new transition gets
-    the highest priority there is. On ``torch.multinomial``: torchrl's own sampler needs a C++ extension that not every torch can load.
+    What is drawn more often counts less: w_i = P(i)^−β over the largest of its batch, written as ``priority_weight``. A
+        new transition gets
+    the highest priority there is. On ``torch.multinomial``: torchrl's own sampler needs a C++ extension that not every
+    torch can load.
 
     Args:
         capacity: of the storage it samples from.
@@ -56,7 +59,9 @@ class PrioritySampler(Sampler):
         self.extend(torch.tensor([index]))
 
     def update_priority(self, index: Any, priority: Any, *, storage: Storage | None = None) -> None:
-        """Takes the errors |δ| ``[B]`` of the transitions at ``index`` ``[B]``; of several for one transition the largest counts."""
+        """Takes the errors |δ| ``[B]`` of the transitions at ``index`` ``[B]``; of several for one transition the
+        largest counts.
+        """
         raised = (torch.as_tensor(priority).double() + _LEAST_ERROR).pow(self.alpha)
         self.priorities.scatter_reduce_(0, torch.as_tensor(index), raised, "amax", include_self=False)
 

@@ -1,4 +1,6 @@
-"""Turning and mirroring maps: the dihedral group D4, or the half of it that keeps the shape of a map that is not square."""
+"""Turning and mirroring maps: the dihedral group D4, or the half of it that keeps the shape of a map that is not
+square.
+"""
 
 from __future__ import annotations
 

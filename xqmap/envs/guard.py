@@ -19,8 +19,13 @@ _GRACE = 10.0
 
 @functools.cache
 def _teller() -> subprocess.Popen[bytes]:
-    """Makes one line for a person of the stacks that faulthandler writes to it: this process will not come to say it itself."""
-    line = "error: a decision does not end and cannot be interrupted (trainer.decision_limit): the simulator hangs; resume=DIR goes on"
+    """Makes one line for a person of the stacks that faulthandler writes to it: this process will not come to say it
+    itself.
+    """
+    line = (
+        "error: a decision does not end and cannot be interrupted (trainer.decision_limit): the simulator hangs; "
+        "resume=DIR goes on"
+    )
     # To the process's own stderr: what stands in for it (a notebook, a test) may have no file behind it.
     return subprocess.Popen(["sed", "-n", f"1s/.*/{line}/p"], stdin=subprocess.PIPE, stdout=2, start_new_session=True)
 
@@ -38,7 +43,9 @@ def guarded(where: str, limit: float | None) -> Iterator[None]:
     """
 
     def late(number: int, frame: FrameType | None) -> None:
-        raise WorldError(f"a decision in {where} took more than {limit:g} s (trainer.decision_limit): the simulator hangs")
+        raise WorldError(
+            f"a decision in {where} took more than {limit:g} s (trainer.decision_limit): the simulator hangs"
+        )
 
     timed = limit is not None and threading.current_thread() is threading.main_thread()
     try:

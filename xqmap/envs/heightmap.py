@@ -1,9 +1,10 @@
-"""From calibrated RGB-D images to one orthographic map of colour and height, and back from its pixels to metres. Pure torch.
+"""From calibrated RGB-D images to one orthographic map of colour and height, and back from its pixels to metres. Pure
+torch.
 
-The map follows Ravens (Zeng et al., 2020): a point belongs to the cell ``floor((p - p_min) / pixel_size)``; rows run along the second
-world axis, columns along the first; the highest point of a cell wins; height counts from the floor of the bounds; a cell that no
-camera saw is 0 high and black. One departure: where cameras disagree, the cell takes the colour of the point that won the height
-(Ravens averages the cameras' colours, which bleeds at occlusion edges).
+The map follows Ravens (Zeng et al., 2020): a point belongs to the cell ``floor((p - p_min) / pixel_size)``; rows run
+along the second world axis, columns along the first; the highest point of a cell wins; height counts from the floor of
+the bounds; a cell that no camera saw is 0 high and black. One departure: where cameras disagree, the cell takes the
+colour of the point that won the height (Ravens averages the cameras' colours, which bleeds at occlusion edges).
 """
 
 from __future__ import annotations
@@ -50,14 +51,18 @@ class PixelGrid:
         return round((y1 - y0) / self.pixel_size), round((x1 - x0) / self.pixel_size)
 
     def to_pixel(self, points: Tensor) -> Tensor:
-        """World points ``[..., ≥2]`` (m) to the ``[..., 2]`` int64 (row, column) of the cells they lie in; may fall outside the map."""
+        """World points ``[..., ≥2]`` (m) to the ``[..., 2]`` int64 (row, column) of the cells they lie in; may fall
+        outside the map.
+        """
         (x0, _), (y0, _), _ = self.bounds
         column = ((points[..., 0] - x0) / self.pixel_size).floor()
         row = ((points[..., 1] - y0) / self.pixel_size).floor()
         return torch.stack((row, column), dim=-1).long()
 
     def to_point(self, pixel: Tensor, height: Tensor) -> Tensor:
-        """Cells ``[..., 2]`` (row, column) with their map heights ``[...]`` (m) to world points ``[..., 3]`` at the cells' centres."""
+        """Cells ``[..., 2]`` (row, column) with their map heights ``[...]`` (m) to world points ``[..., 3]`` at the
+        cells' centres.
+        """
         (x0, _), (y0, _), (z0, _) = self.bounds
         x = x0 + (pixel[..., 1] + 0.5) * self.pixel_size
         y = y0 + (pixel[..., 0] + 0.5) * self.pixel_size
@@ -74,7 +79,9 @@ def unproject(depth: Tensor, intrinsics: Tensor, camera_to_world: Tensor) -> Ten
 
 
 def _rays(intrinsics: Tensor, camera_to_world: Tensor, h: int, w: int) -> tuple[Tensor, Tensor, Tensor]:
-    """``[N, 3, 1, w]``, ``[N, 3, h, 1]``, ``[N, 3, 1, 1]`` float32: a point is the last + depth · (the first + the second)."""
+    """``[N, 3, 1, w]``, ``[N, 3, h, 1]``, ``[N, 3, 1, 1]`` float32: a point is the last + depth · (the first + the
+    second).
+    """
     u, v = (torch.arange(count, dtype=torch.float64, device=intrinsics.device) for count in (w, h))
     fx, fy, cx, cy = (intrinsics.double()[:, i, j, None] for i, j in ((0, 0), (1, 1), (0, 2), (1, 2)))
     right, below, ahead, origin = camera_to_world.double()[:, :3, :, None].unbind(2)
@@ -93,26 +100,36 @@ def heightmap(color: Tensor, depth: Tensor, intrinsics: Tensor, camera_to_world:
         grid: the cells to fill.
 
     Returns:
-        ``[4, H, W]`` float32: red, green, blue (0–255) and height (m) above ``grid``'s floor; all 0 where nothing was seen.
+        ``[4, H, W]`` float32: red, green, blue (0–255) and height (m) above ``grid``'s floor; all 0 where nothing was
+        seen.
 
     Raises:
         ValueError: if the shapes do not belong together.
     """
-    if color.shape != (*depth.shape, 3) or intrinsics.shape != (len(depth), 3, 3) or camera_to_world.shape != (len(depth), 4, 4):
+    if (
+        color.shape != (*depth.shape, 3)
+        or intrinsics.shape != (len(depth), 3, 3)
+        or camera_to_world.shape != (len(depth), 4, 4)
+    ):
         raise ValueError(
             "heightmap needs color [N,h,w,3], depth [N,h,w], intrinsics [N,3,3], camera_to_world [N,4,4], not "
             f"{[tuple(t.shape) for t in (color, depth, intrinsics, camera_to_world)]}"
         )
     rows, columns = grid.shape
     (x0, _), (y0, _), (z0, z1) = grid.bounds
-    # From world metres to columns and rows, both from 1 on, and metres below the floor: what is kept has numbers up to 0.
+    # From world metres to columns and rows, both from 1 on, and metres below the floor: what is kept has numbers up to
+    # 0.
     to_grid = torch.diag(torch.tensor([1 / grid.pixel_size, 1 / grid.pixel_size, -1, 1], dtype=torch.float64))
-    to_grid[:3, 3] = torch.tensor([1.0, 1, 0]) - to_grid.diagonal()[:3] * torch.tensor([x0, y0, z0], dtype=torch.float64)
+    to_grid[:3, 3] = torch.tensor([1.0, 1, 0]) - to_grid.diagonal()[:3] * torch.tensor(
+        [x0, y0, z0], dtype=torch.float64
+    )
     count, h, w = depth.shape
     across, down, origin = _rays(intrinsics, to_grid.to(depth.device) @ camera_to_world.double(), h, w)
 
-    # With a border of one cell, where what lies beside the map ends up. Height and point make one number, so that one pass finds the
-    # highest point and, among equals, the first: the bits of floats order them as their values do, and negative ones never win.
+    # With a border of one cell, where what lies beside the map ends up. Height and point make one number, so that one
+    # pass finds the
+    # highest point and, among equals, the first: the bits of floats order them as their values do, and negative ones
+    # never win.
     best = torch.full(((rows + 2) * (columns + 2),), -1, device=depth.device)
     # Rows of an image after the ones before, in the same memory, which the processor's cache holds.
     size = max(1, _POINTS_IN_CACHE // w) if depth.device.type == "cpu" else h

@@ -21,10 +21,12 @@ from xqmap.errors import WorldError
 
 
 class ManiSkillEnv(EnvBase):
-    """One decision per step: the action is a cell of the heightmap, the task's primitive runs at the 3-D point behind it.
+    """One decision per step: the action is a cell of the heightmap, the task's primitive runs at the 3-D point behind
+    it.
 
     Args:
-        make_task: builds the world; called here, so that the environment can be sent to a worker process before it exists.
+        make_task: builds the world; called here, so that the environment can be sent to a worker process before it
+            exists.
         first_scene: seed of the first scene; each reset that is not told otherwise takes the next one.
         limit: seconds a decision or reset may take; None for no limit.
 
@@ -61,7 +63,9 @@ class ManiSkillEnv(EnvBase):
         )
         self.action_spec = Categorical(cells, (), dtype=torch.int64)
         self.reward_spec = Unbounded((1,), dtype=torch.float32)
-        self.done_spec = Composite({name: Binary(1, (1,), dtype=torch.bool) for name in (keys.DONE, keys.TERMINATED, keys.TRUNCATED)})
+        self.done_spec = Composite(
+            {name: Binary(1, (1,), dtype=torch.bool) for name in (keys.DONE, keys.TERMINATED, keys.TRUNCATED)}
+        )
 
     @property
     def seconds(self) -> dict[str, float]:
@@ -129,7 +133,9 @@ class ManiSkillEnv(EnvBase):
         point = self.point(tensordict[keys.ACTION])
         observation, reward, terminated, truncated, info = self.task.step(point.numpy())
         flags = {keys.TERMINATED: bool(terminated), keys.TRUNCATED: bool(truncated)}
-        rewards = torch.cat([torch.as_tensor(part, dtype=torch.float32).reshape(-1) for part in (reward, info["reward_components"])])
+        rewards = torch.cat(
+            [torch.as_tensor(part, dtype=torch.float32).reshape(-1) for part in (reward, info["reward_components"])]
+        )
         if not bool(rewards.isfinite().all()):
             raise WorldError("a reward is NaN or infinite: the world is broken")
         return TensorDict(

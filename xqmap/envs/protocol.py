@@ -1,7 +1,8 @@
 """What a world must offer so that xqmap can learn in it: a structural type, nothing to inherit from.
 
-A task is a ManiSkill environment (``mani_skill.envs.sapien_env.BaseEnv``, CPU simulation, one scene) in which one ``step`` is one
-whole *decision*: the action is a 3-D point, and the task's motion primitive (land, pick) runs there to its end.
+A task is a ManiSkill environment (``mani_skill.envs.sapien_env.BaseEnv``, CPU simulation, one scene) in which one
+``step`` is one whole *decision*: the action is a 3-D point, and the task's motion primitive (land, pick) runs there to
+its end.
 """
 
 from __future__ import annotations
@@ -36,13 +37,16 @@ class Task(Protocol):
         BACKGROUND: the name of what lies where no object is (``"ground"``, ``"table"``).
         METRICS: names of further numbers in every ``info``, each ``[1]`` float, worth logging (``landing_offset_m``).
         seconds: wall-clock spent so far, by activity (``simulate``, ``render``).
-        frames: the film of the last decision, ``[h, w, 3]`` uint8 each, where the world was built with ``render_mode="rgb_array"``.
+        frames: the film of the last decision, ``[h, w, 3]`` uint8 each, where the world was built with
+            ``render_mode="rgb_array"``.
 
-    ``reset`` and ``step`` return ManiSkill's own observation (``sensor_data`` with ``rgb`` and ``depth`` per camera, ``sensor_param`` with
-    ``intrinsic_cv`` and ``extrinsic_cv``). ``step`` takes the point ``[3]`` in world metres; its ``info`` carries
+    ``reset`` and ``step`` return ManiSkill's own observation (``sensor_data`` with ``rgb`` and ``depth`` per camera,
+    ``sensor_param`` with ``intrinsic_cv`` and ``extrinsic_cv``). ``step`` takes the point ``[3]`` in world metres; its
+    ``info`` carries
 
     - ``reward_components``: ``[1, K]`` float, the sub-rewards r_k in [0, 1], unweighted;
-    - ``reward_available``: ``[1]`` float, the highest Σ_k w_k r_k any action would have had in the state the action was chosen in;
+    - ``reward_available``: ``[1]`` float, the highest Σ_k w_k r_k any action would have had in the state the action was
+      chosen in;
 
     and its reward is Σ_k w_k r_k.
     """
@@ -65,7 +69,9 @@ class Task(Protocol):
 
     @property
     def workspace_bounds(self) -> np.ndarray:
-        """``[3, 2]`` float, the lowest and highest world x, y, z of the heightmap, metres; may change with each reset."""
+        """``[3, 2]`` float, the lowest and highest world x, y, z of the heightmap, metres; may change with each
+        reset.
+        """
         ...
 
     @property
@@ -73,12 +79,16 @@ class Task(Protocol):
         """The edge of a heightmap cell in metres."""
         ...
 
-    def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[dict[str, Any], dict[str, Any]]:
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
         """A new scene; the same seed gives the same scene."""
         ...
 
     def step(self, action: Any) -> tuple[dict[str, Any], Any, Any, Any, dict[str, Any]]:
-        """Runs the primitive at the point ``action`` ``[3]``: ``(observation, reward, terminated, truncated, info)``."""
+        """Runs the primitive at the point ``action`` ``[3]``:
+        ``(observation, reward, terminated, truncated, info)``.
+        """
         ...
 
     def reachable(self, points: np.ndarray) -> np.ndarray:
@@ -103,7 +113,8 @@ class Solvable(Protocol):
     """What a world offers that can be solved exactly: for checking explanations, never for the policy. Optional."""
 
     def exact_values(self, gamma: float) -> np.ndarray | None:
-        """``[objects, K]`` float: unweighted Q*_k of taking each of ``scene_objects()`` now and then doing what is best for Σ_k w_k r_k.
+        """``[objects, K]`` float: unweighted Q*_k of taking each of ``scene_objects()`` now and then doing what is best
+        for Σ_k w_k r_k.
 
         Args:
             gamma: discount per decision.

@@ -1,4 +1,6 @@
-"""Are the bars right? Component values against what is known: exact values of the world, and the returns that followed."""
+"""Are the bars right? Component values against what is known: exact values of the world, and the returns that
+followed.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,8 @@ def deviation(values: np.ndarray, truth: np.ndarray) -> dict[str, Any]:
     """How far ``values`` ``[N]`` are from ``truth`` ``[N]``.
 
     Returns:
-        ``bias`` (mean of values − truth), ``mae``, ``rank_correlation`` (Spearman's; None where one side does not vary) and ``count``.
+        ``bias`` (mean of values − truth), ``mae``, ``rank_correlation`` (Spearman's; None where one side does not vary)
+        and ``count``.
     """
     error = values - truth
     varies = len(values) > 1 and np.ptp(values) > 0 and np.ptp(truth) > 0
@@ -55,13 +58,18 @@ def right_signs(values: Sequence[np.ndarray], truth: Sequence[np.ndarray]) -> tu
 
 
 def calibrate(
-    policy: TensorDictModuleBase, env: ManiSkillEnv, seeds: Sequence[int], gamma: float, weights: Sequence[float], reward_key: str
+    policy: TensorDictModuleBase,
+    env: ManiSkillEnv,
+    seeds: Sequence[int],
+    gamma: float,
+    weights: Sequence[float],
+    reward_key: str,
 ) -> dict[str, Any]:
     """Plays one whole episode per seed and compares along the way.
 
-    In every state each object's values at its best cell (the one a policy would take it by) stand against the exact Q*_k of taking that
-    object, where the world offers them (``Solvable``); the values at each chosen action stand against the discounted component returns
-    that followed.
+    In every state each object's values at its best cell (the one a policy would take it by) stand against the exact
+    Q*_k of taking that object, where the world offers them (``Solvable``); the values at each chosen action stand
+    against the discounted component returns that followed.
 
     Args:
         policy: greedy; writes ``component_action_value`` and ``action_value``.
@@ -69,11 +77,13 @@ def calibrate(
         seeds: of the scenes.
         gamma: the discount the policy was trained with.
         weights: w_k of the world's components, in their order.
-        reward_key: ``reward_components``, or ``reward`` for a policy of the summed reward, which is held against Σ_k w_k Q*_k.
+        reward_key: ``reward_components``, or ``reward`` for a policy of the summed reward, which is held against Σ_k
+            w_k Q*_k.
 
     Returns:
-        ``{"gamma", "episodes", "exact": {component: …} or None, "returns": {component: …}}`` with :func:`deviation` of each component, in
-        ``exact`` also ``sign_accuracy`` (None where no pair of objects differs) and the ``pairs`` asked.
+        ``{"gamma", "episodes", "exact": {component: …} or None, "returns": {component: …}}`` with :func:`deviation` of
+        each component, in ``exact`` also ``sign_accuracy`` (None where no pair of objects differs) and the ``pairs``
+        asked.
     """
     summed = np.array(weights, dtype=float)[:, None] if reward_key == keys.REWARD else np.eye(len(env.components))
     names = [keys.REWARD] if reward_key == keys.REWARD else list(env.components)
@@ -100,7 +110,9 @@ def calibrate(
             chosen.append(value)
             returns.append(to_go)
     result: dict[str, Any] = {"gamma": gamma, "episodes": len(seeds), "exact": None}
-    result["returns"] = {name: deviation(np.array(chosen)[:, k], np.array(returns)[:, k]) for k, name in enumerate(names)}
+    result["returns"] = {
+        name: deviation(np.array(chosen)[:, k], np.array(returns)[:, k]) for k, name in enumerate(names)
+    }
     if sum(map(len, ours)):
         result["exact"] = {}
         for k, name in enumerate(names):
@@ -110,7 +122,9 @@ def calibrate(
     return result
 
 
-def _object_values(out: Any, heightmap: np.ndarray, mask: np.ndarray, env: ManiSkillEnv) -> tuple[np.ndarray, list[int]]:
+def _object_values(
+    out: Any, heightmap: np.ndarray, mask: np.ndarray, env: ManiSkillEnv
+) -> tuple[np.ndarray, list[int]]:
     """The component values at each object's best allowed cell, ``[objects, K]``, and which objects have one."""
     scene, things = Simulator()(heightmap, env.grid, env.task), env.task.scene_objects()
     maps, total = out[keys.COMPONENT_ACTION_VALUE].double().cpu().numpy(), out[keys.ACTION_VALUE].double().cpu().numpy()

@@ -15,7 +15,11 @@ def wrong(content: Any) -> str:
         return f"no evaluation of xqmap: {', '.join(needed)} are needed"
     for run in content["runs"]:
         counts = {name: run.get(name) for name in ("choices", "correct", "regret")} if isinstance(run, dict) else None
-        if not _numbers(counts, 1) or not _numbers(run.get("components", {}), 1) or not 0 <= run["correct"] <= run["choices"]:
+        if (
+            not _numbers(counts, 1)
+            or not _numbers(run.get("components", {}), 1)
+            or not 0 <= run["correct"] <= run["choices"]
+        ):
             return "a run in it lacks choices, correct or regret"
     if not any(run["choices"] for run in content["runs"]):
         return "no choice was made in it"
@@ -23,7 +27,12 @@ def wrong(content: Any) -> str:
     for row in baselines.values() if isinstance(baselines, dict) else [baselines]:
         rate = {name: row.get(name) for name in ("mean", "std", "choices")} if isinstance(row, dict) else None
         limits = row.get("ci95") if isinstance(row, dict) else None
-        if not _numbers(rate, 1) or not isinstance(limits, list) or len(limits) != 2 or not _numbers(dict(enumerate(limits)), 1):
+        if (
+            not _numbers(rate, 1)
+            or not isinstance(limits, list)
+            or len(limits) != 2
+            or not _numbers(dict(enumerate(limits)), 1)
+        ):
             return "a baseline in it lacks mean, std, choices or ci95"
         if not is_number(row.get("regret", 0.0)):
             return "a baseline's regret in it is no number"
@@ -44,7 +53,9 @@ def wrong(content: Any) -> str:
 
 
 def is_number(value: Any) -> bool:
-    """Whether this is a number that can be reckoned with: NaN is, infinity and what no count or reward comes near are not."""
+    """Whether this is a number that can be reckoned with: NaN is, infinity and what no count or reward comes near are
+    not.
+    """
     return isinstance(value, int | float) and not isinstance(value, bool) and not abs(value) > _LARGEST
 
 

@@ -78,7 +78,9 @@ BASELINES: dict[str, Chooser] = {
 
 
 def object_at(point: Any, things: Iterable[Any], background: str) -> str:
-    """The name of the highest of the world's objects (``SceneObject``) at a point ``[≥2]`` (m), or of the background."""
+    """The name of the highest of the world's objects (``SceneObject``) at a point ``[≥2]`` (m), or of the
+    background.
+    """
     x, y = float(point[0]), float(point[1])
     here = [thing for thing in things if Outline(np.asarray(thing.footprint)).contains_point((x, y))]
     return max(here, key=lambda thing: thing.top).name if here else background
@@ -100,12 +102,12 @@ def play(
         seed: of the run; scene i has the seed ``seed + 10000 · i``.
         choices: the most choices.
         until: sums of sub-rewards, by component, any of which ends the run; None for no such end.
-        confusion: counts, where given, the (object chosen, object best) of each choice. A choice of the highest reward is its own best;
-            otherwise the best is what the world's oracle would have taken.
+        confusion: counts, where given, the (object chosen, object best) of each choice. A choice of the highest reward
+            is its own best; otherwise the best is what the world's oracle would have taken.
 
     Returns:
-        ``{"seed", "choices", "correct", "regret", "components": {name: mean}}``: a choice is correct when its reward is the highest
-        available in that state; regret is the mean of highest available − taken.
+        ``{"seed", "choices", "correct", "regret", "components": {name: mean}}``: a choice is correct when its reward is
+        the highest available in that state; regret is the mean of highest available − taken.
     """
     generator = torch.Generator().manual_seed(seed)
     until = until or {}
@@ -128,7 +130,13 @@ def play(
                 choices = made
             done, state = bool(result[keys.DONE]), step_mdp(state)
     components = {name: float(total) / max(1, made) for name, total in zip(env.components, sums, strict=True)}
-    return {"seed": seed, "choices": made, "correct": correct, "regret": regret / max(1, made), "components": components}
+    return {
+        "seed": seed,
+        "choices": made,
+        "correct": correct,
+        "regret": regret / max(1, made),
+        "components": components,
+    }
 
 
 def _chosen_and_best(env: ManiSkillEnv, action: torch.Tensor) -> tuple[str, str]:
@@ -138,7 +146,12 @@ def _chosen_and_best(env: ManiSkillEnv, action: torch.Tensor) -> tuple[str, str]
 
 
 def evaluate(
-    policy: TensorDictModuleBase, env: ManiSkillEnv, seeds: list[int], choices: int, until: dict[str, float] | None, baselines: bool
+    policy: TensorDictModuleBase,
+    env: ManiSkillEnv,
+    seeds: list[int],
+    choices: int,
+    until: dict[str, float] | None,
+    baselines: bool,
 ) -> dict[str, Any]:
     """The policy and, where asked for, the baselines on the same scenes.
 
@@ -159,8 +172,13 @@ def evaluate(
     return {
         "runs": table["policy"],
         "success": success(table["policy"]),
-        "confusion": {chosen: {b: n for (c, b), n in sorted(pairs.items()) if c == chosen} for chosen in sorted({c for c, _ in pairs})},
-        "baselines": {name: success(runs) | {"regret": _mean_regret(runs)} for name, runs in table.items() if name != "policy"},
+        "confusion": {
+            chosen: {b: n for (c, b), n in sorted(pairs.items()) if c == chosen}
+            for chosen in sorted({c for c, _ in pairs})
+        },
+        "baselines": {
+            name: success(runs) | {"regret": _mean_regret(runs)} for name, runs in table.items() if name != "policy"
+        },
     }
 
 
@@ -176,5 +194,8 @@ def table(result: dict[str, Any]) -> str:
     lines.append(f"{'':<15}{'best choices':>14}{'± over runs':>13}{'95 % interval':>19}{'choices':>9}{'regret':>9}")
     for name, row, regret in rows:
         low, high = row["ci95"]
-        lines.append(f"{name:<15}{row['mean']:>13.1%} {row['std']:>12.1%}{f'{low:.1%} – {high:.1%}':>19}{row['choices']:>9}{regret:>9.3f}")
+        lines.append(
+            f"{name:<15}{row['mean']:>13.1%} "
+            f"{row['std']:>12.1%}{f'{low:.1%} – {high:.1%}':>19}{row['choices']:>9}{regret:>9.3f}"
+        )
     return "\n".join(lines)

@@ -112,8 +112,8 @@ def collect(root: str | Path) -> tuple[list[Result], dict[Path, str]]:
     """Reads every ``evaluation.json`` (and ``evaluation-SHEET.json``) under ``root``.
 
     Returns:
-        The results, in the order of their paths, and what could not be read: ``{path: why}``. One policy on one sheet counts once, however
-        often its directory was copied.
+        The results, in the order of their paths, and what could not be read: ``{path: why}``. One policy on one sheet
+        counts once, however often its directory was copied.
 
     Raises:
         UserError: if there is no such directory.
@@ -131,7 +131,9 @@ def collect(root: str | Path) -> tuple[list[Result], dict[Path, str]]:
         if why:
             unread[path] = why
             continue
-        result = Result(path.parent, path.stem.removeprefix("evaluation").strip("-_"), content, settings_of(path.parent))
+        result = Result(
+            path.parent, path.stem.removeprefix("evaluation").strip("-_"), content, settings_of(path.parent)
+        )
         found.setdefault((result.task, result.method, result.sheet, str(content.get("weights_sha256", path))), result)
     return list(found.values()), unread
 
@@ -155,7 +157,11 @@ def flat(tree: Any, prefix: str = "") -> dict[str, Any]:
     """A nested dictionary by dotted names; lists are values."""
     if not isinstance(tree, dict) or (not tree and prefix):
         return {prefix: tree}
-    return {name: value for key, inner in tree.items() for name, value in flat(inner, f"{prefix}.{key}" if prefix else str(key)).items()}
+    return {
+        name: value
+        for key, inner in tree.items()
+        for name, value in flat(inner, f"{prefix}.{key}" if prefix else str(key)).items()
+    }
 
 
 def differing(settings: Iterable[dict[str, Any]]) -> list[str]:
@@ -168,7 +174,8 @@ def differing(settings: Iterable[dict[str, Any]]) -> list[str]:
 def swept(trainings: Sequence[Trained]) -> dict[str, list[str]]:
     """By task: the settings that differ between trainings of one method and are neither its seed nor its machine.
 
-    Only as many as tell them apart: what changes along with those named says no more. A setting that one of the trainings does not have was
+    Only as many as tell them apart: what changes along with those named says no more. A setting that one of the
+        trainings does not have was
     not swept: it is newer than that training.
     """
     names: dict[str, dict[str, None]] = {}
@@ -189,7 +196,8 @@ def table(results: Sequence[Result], paper: Any = None, names: dict[str, list[st
     Args:
         results: from :func:`collect`.
         paper: the paper's figures, ``{task: {name: text}}``.
-        names: the swept settings by task, where more is known of them than these results tell; None finds them (:func:`swept`).
+        names: the swept settings by task, where more is known of them than these results tell; None finds them
+            (:func:`swept`).
     """
     names, paper = names or swept(results), paper or {}
     rows: list[Row] = []
@@ -198,7 +206,9 @@ def table(results: Sequence[Result], paper: Any = None, names: dict[str, list[st
         order = list(dict.fromkeys([*paper.get(task, {}), *(result.method for result in members)]))
         members.sort(key=lambda r: (order.index(r.method), *(_rank(r.settings.get(name)) for name in names[r.task])))
         groups = grouped(members, lambda r: (r.method, *(repr(r.settings.get(name)) for name in names[r.task])))
-        rows += [_policy(group, _at(group[0], names[task]), str(known.get(group[0].method, ""))) for group in groups.values()]
+        rows += [
+            _policy(group, _at(group[0], names[task]), str(known.get(group[0].method, ""))) for group in groups.values()
+        ]
         rows += _baselines(members, names[task], known)
     return rows
 
@@ -240,7 +250,9 @@ def _policy(group: Sequence[Result], settings: dict[str, Any], paper: str) -> Ro
 
 
 def _baselines(members: Sequence[Result], names: list[str], paper: Any) -> list[Row]:
-    """A baseline plays the same scenes whatever was trained, so equal entries are one row; sweeping the world makes several."""
+    """A baseline plays the same scenes whatever was trained, so equal entries are one row; sweeping the world makes
+    several.
+    """
     rows: dict[str, Row] = {}
     for name in dict.fromkeys(name for result in members for name in result.content.get("baselines") or {}):
         having = [result for result in members if name in (result.content.get("baselines") or {})]
@@ -248,7 +260,9 @@ def _baselines(members: Sequence[Result], names: list[str], paper: Any) -> list[
         for group in versions.values():
             entry = group[0].content["baselines"][name]
             # What the runs with this entry have in common tells it from its other versions.
-            common = [n for n in names if len({repr(r.settings.get(n)) for r in group}) == 1] if len(versions) > 1 else []
+            common = (
+                [n for n in names if len({repr(r.settings.get(n)) for r in group}) == 1] if len(versions) > 1 else []
+            )
             row = Row(
                 task=group[0].task,
                 sheet=group[0].sheet,

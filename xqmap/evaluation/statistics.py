@@ -23,7 +23,8 @@ def wilson(correct: int, choices: int) -> tuple[float, float]:
 
 
 def success(runs: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Correct choices over runs: ``mean`` and ``std`` of the runs' rates, all ``choices``, and their 95 % interval ``ci95``.
+    """Correct choices over runs: ``mean`` and ``std`` of the runs' rates, all ``choices``, and their 95 % interval
+    ``ci95``.
 
     Args:
         runs: one dictionary per evaluation seed, with ``choices`` and ``correct``.

@@ -19,14 +19,20 @@ _BESIDE = ("evaluation", "sheets", "device", "threads", "resume", "logger")
 
 
 class Table(Callback):
-    """After a sweep (Hydra's ``-m``) one table over its runs: printed, and beside them as ``table.txt``, ``table.md`` and ``table.csv``."""
+    """After a sweep (Hydra's ``-m``) one table over its runs: printed, and beside them as ``table.txt``, ``table.md``
+    and ``table.csv``.
+    """
 
     def on_multirun_end(self, config: DictConfig, **kwargs: Any) -> None:
         """Reads every evaluation in the sweep's directory."""
         directory = Path(config.hydra.sweep.dir)
         found, unread = results.collect(directory)
         rows = results.table(found, results.paper_figures())
-        written = {"table.txt": tables.text(rows) + "\n", "table.md": tables.markdown(rows), "table.csv": tables.comma_separated(rows)}
+        written = {
+            "table.txt": tables.text(rows) + "\n",
+            "table.md": tables.markdown(rows),
+            "table.csv": tables.comma_separated(rows),
+        }
         for name, content in written.items():
             checkpoint.write_atomically(directory / name, content.encode())
         print(tables.text(rows))
@@ -44,11 +50,16 @@ def saved(directory: Path, cfg: DictConfig) -> tuple[dict[str, Tensor], dict[str
     if not checkpoint.trainings(directory):
         return None
     found = checkpoint.read_training(directory)
-    before, now = (results.flat(OmegaConf.to_container(c, resolve=True)) for c in (checkpoint.settings(found[1], directory), cfg))
+    before, now = (
+        results.flat(OmegaConf.to_container(c, resolve=True)) for c in (checkpoint.settings(found[1], directory), cfg)
+    )
     names = [name for name in results.differing([before, now]) if name.split(".")[0] not in _BESIDE]
     if names:
         was, told = (results.shown(settings.get(names[0])) for settings in (before, now))
-        raise UserError(f"{directory} holds a run with {names[0]}={was}, not {told}: choose another hydra.sweep.dir, or take it away")
+        raise UserError(
+            f"{directory} holds a run with {names[0]}={was}, not {told}: choose another hydra.sweep.dir, or take it "
+            "away"
+        )
     return found
 
 
@@ -59,7 +70,8 @@ def evaluated(path: Path, run: checkpoint.Run) -> dict[str, Any] | None:
 
 
 def baselines(sweep: Path, run: checkpoint.Run) -> tuple[str, dict[str, Any]] | None:
-    """What another job of the sweep found for the baselines in the same scenes, and in which file; None where none has played them.
+    """What another job of the sweep found for the baselines in the same scenes, and in which file; None where none has
+    played them.
 
     No policy changes them: played once, they stand in every job's evaluation.
     """
@@ -73,7 +85,9 @@ def baselines(sweep: Path, run: checkpoint.Run) -> tuple[str, dict[str, Any]] | 
 def _of_these_scenes(path: Path, run: checkpoint.Run) -> dict[str, Any] | None:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
-        same = content["task"] == run.cfg.task.name and content["settings"] == commands.settings_of(run.cfg, run.cfg.evaluation)
+        same = content["task"] == run.cfg.task.name and content["settings"] == commands.settings_of(
+            run.cfg, run.cfg.evaluation
+        )
         return content if same and {"weights_sha256", "baselines", "versions"} <= content.keys() else None
     except (OSError, ValueError, KeyError, TypeError):
         return None

@@ -8,7 +8,18 @@ from collections.abc import Sequence
 
 from xqmap.evaluation.results import Row, shown
 
-COLUMNS = ("task", "sheet", "method", "best choices", "± over runs", "95 % interval", "choices", "trainings", "regret", "paper")
+COLUMNS = (
+    "task",
+    "sheet",
+    "method",
+    "best choices",
+    "± over runs",
+    "95 % interval",
+    "choices",
+    "trainings",
+    "regret",
+    "paper",
+)
 
 
 def percent(share: float, decimals: int = 1) -> str:
@@ -44,7 +55,9 @@ def text(rows: Sequence[Row]) -> str:
     """The table for a terminal."""
     head, *every = lines(rows)
     widths, left = [max(map(len, column)) for column in zip(head, *every, strict=True)], words(head)
-    aligned = [[line[i].ljust(w) if i < left else line[i].rjust(w) for i, w in enumerate(widths)] for line in (head, *every)]
+    aligned = [
+        [line[i].ljust(w) if i < left else line[i].rjust(w) for i, w in enumerate(widths)] for line in (head, *every)
+    ]
     return "\n".join("  ".join(line).rstrip() for line in aligned)
 
 

@@ -1,7 +1,8 @@
-"""Numbers that compare two actions by their component values: differences, minimal sufficient explanations, flip points.
+"""Numbers that compare two actions by their component values: differences, minimal sufficient explanations, flip
+points.
 
-Everything here takes component values by name, in component order, and returns values by name. Definitions: RDX and MSX after
-Juozapaitis et al. 2019; Q = Σ_k Q_k.
+Everything here takes component values by name, in component order, and returns values by name. Definitions: RDX and MSX
+after Juozapaitis et al. 2019; Q = Σ_k Q_k.
 """
 
 from __future__ import annotations
@@ -20,8 +21,9 @@ def rdx(first: Values, second: Values) -> dict[str, float]:
 def msx(delta: Values) -> tuple[list[str], list[str]]:
     """Minimal sufficient explanations of a preference Σ_k Δ_k > 0.
 
-    MSX⁺ is the smallest set of reasons for the preferred action that outweighs all reasons against it (the largest first, which is
-    exact); MSX⁻ the smallest set of reasons against it that makes every member of MSX⁺ needed. Ties go by component order.
+    MSX⁺ is the smallest set of reasons for the preferred action that outweighs all reasons against it (the largest
+    first, which is exact); MSX⁻ the smallest set of reasons against it that makes every member of MSX⁺ needed. Ties go
+    by component order.
 
     Args:
         delta: RDX of the preferred action against the other, by component.
@@ -61,12 +63,16 @@ def flip_points(delta: Values) -> dict[str, float]:
 
 
 def nearest_flip(delta: Values) -> tuple[str, float] | None:
-    """The component whose weight has to change least to make the preference even, and that weight; None where none can."""
+    """The component whose weight has to change least to make the preference even, and that weight; None where none
+    can.
+    """
     points = flip_points(delta)
     return min(points.items(), key=lambda item: abs(item[1] - 1)) if points else None
 
 
 def flip_distance(delta: Values) -> float:
-    """The smallest joint change of all weights (Euclidean) that makes the preference even: S / ‖Δ‖. Infinite where Δ is 0."""
+    """The smallest joint change of all weights (Euclidean) that makes the preference even: S / ‖Δ‖. Infinite where Δ is
+    0.
+    """
     norm = math.hypot(*delta.values())
     return sum(delta.values()) / norm if norm > 0 else math.inf

@@ -26,7 +26,8 @@ _EDGE = 2
 
 @dataclass
 class Candidate:
-    """An action that is looked at: the selected one, the best for one component alone, or the best on an object of the scene.
+    """An action that is looked at: the selected one, the best for one component alone, or the best on an object of the
+    scene.
 
     Attributes:
         label: ``"Selected"``, ``"A"``, ``"B"``, …; an object that is no candidate goes by its name.
@@ -60,8 +61,8 @@ class Decision:
         candidates: ``Selected`` first, then one per component.
         scene_seed: of the scene, if it came from one.
         step: which decision of its episode it is, from 0.
-        objects: what is in the scene, the background included, each taken at its best cell (of the background, away from
-            objects); by falling overall value.
+        objects: what is in the scene, the background included, each taken at its best cell (of the background, away
+            from objects); by falling overall value.
         noise: typical error of each component's values (mean |TD error| at the end of training); empty if unknown.
         heightmap: ``[4, H, W]``: 0–255 and metres; None where only the numbers are known.
         maps: ``[K, H, W]``: the weighted Q-Maps, NaN where an action cannot be chosen; None likewise.
@@ -82,9 +83,10 @@ class Decision:
         'color'
         >>> {name: round(value, 2) for name, value in decision.rdx("Selected", "B").items()}
         {'flatness': 0.96, 'color': -0.02}
-        >>> print(decision.sentences()["contrastive"][1])
-        I chose to land on the blue flat block rather than the red inclined block (B), because flatness speaks for it (+0.96), \
-though color speaks against it (-0.02). If flatness counted 0.02 times as much, the red inclined block would be just as good.
+        >>> print(decision.sentences()["contrastive"][1])  # doctest: +NORMALIZE_WHITESPACE
+        I chose to land on the blue flat block rather than the red inclined block (B), because flatness speaks for it
+        (+0.96), though color speaks against it (-0.02). If flatness counted 0.02 times as much, the red inclined block
+        would be just as good.
     """
 
     task: str
@@ -115,12 +117,14 @@ though color speaks against it (-0.02). If flatness counted 0.02 times as much, 
         """Builds the decision a policy takes in a state.
 
         Args:
-            policy: writes ``action`` and ``component_action_value`` (``xqmap.models.policy.GreedyPolicy``); its weights scale the values.
+            policy: writes ``action`` and ``component_action_value`` (``xqmap.models.policy.GreedyPolicy``); its weights
+                scale the values.
             state: ``heightmap`` ``[4, H, W]`` and, where there is one, ``action_mask`` ``[A]``.
             scene: the names of what lies where, from a perception (``xqmap.explanations.perception``).
             task: name of the task.
             components: names of the policy's components, in order.
-            level: what A, B, … are the best of for their component: every ``"pixel"``, or every ``"object"`` taken at its best cell.
+            level: what A, B, … are the best of for their component: every ``"pixel"``, or every ``"object"`` taken at
+                its best cell.
             scene_seed: of the scene.
             step: which decision of the episode.
             noise: typical error by component.
@@ -136,23 +140,32 @@ though color speaks against it (-0.02). If flatness counted 0.02 times as much, 
         mask = state.get(keys.ACTION_MASK, None)
         allowed = np.ones(maps.shape[-1], dtype=bool) if mask is None or not bool(mask.any()) else mask.cpu().numpy()
         if not np.isfinite(maps).all():
-            raise UserError("the Q-Maps hold NaN or infinite values: the training diverged, lower trainer.learning_rate")
+            raise UserError(
+                "the Q-Maps hold NaN or infinite values: the training diverged, lower trainer.learning_rate"
+            )
         limited = np.where(allowed, maps, np.nan).reshape(len(names), *heightmap.shape[-2:])
-        decision = cls(task, names, [], scene_seed, step, noise=noise or {}, heightmap=heightmap, maps=limited, scene=scene)
+        decision = cls(
+            task, names, [], scene_seed, step, noise=noise or {}, heightmap=heightmap, maps=limited, scene=scene
+        )
         decision.objects = decision._pool(scene)
         selected = divmod(int(out[keys.ACTION]), heightmap.shape[-1])
         if level == "pixel":
             best = [divmod(int(np.nanargmax(image)), heightmap.shape[-1]) for image in limited]
         else:
             best = [max(decision.objects, key=lambda thing: thing.values[name]).pixel or selected for name in names]
-        decision.candidates = [decision.at(selected, SELECTED), *(decision.at(pixel, label(k)) for k, pixel in enumerate(best))]
+        decision.candidates = [
+            decision.at(selected, SELECTED),
+            *(decision.at(pixel, label(k)) for k, pixel in enumerate(best)),
+        ]
         return decision
 
     def at(self, pixel: tuple[int, int], called: str) -> Candidate:
         """The action on a pixel of the maps, under the label ``called``."""
         assert self.maps is not None and self.scene is not None
         values = dict(zip(self.components, self.maps[:, pixel[0], pixel[1]].tolist(), strict=True))
-        return Candidate(called, self.scene.name(pixel), values, pixel, self.scene.position(pixel), self.scene.index(pixel))
+        return Candidate(
+            called, self.scene.name(pixel), values, pixel, self.scene.position(pixel), self.scene.index(pixel)
+        )
 
     def _pool(self, scene: Scene) -> list[Candidate]:
         assert self.maps is not None
@@ -202,7 +215,9 @@ though color speaks against it (-0.02). If flatness counted 0.02 times as much, 
         return contrast.rdx(self[first].values, self[second].values)
 
     def same(self, first: str, second: str) -> bool:
-        """Whether two candidates lie on the same object (or, on the background or where objects are unknown, the same pixel)."""
+        """Whether two candidates lie on the same object (or, on the background or where objects are unknown, the same
+        pixel).
+        """
         return together(self[first], self[second])
 
     @property
@@ -216,7 +231,9 @@ though color speaks against it (-0.02). If flatness counted 0.02 times as much, 
 
     @property
     def others(self) -> list[Candidate]:
-        """What else could have been chosen: the other objects at their best cells, or the other candidates where objects are unknown."""
+        """What else could have been chosen: the other objects at their best cells, or the other candidates where
+        objects are unknown.
+        """
         chosen = self.selected
         if self.objects:
             return [o for o in self.objects if (o.object_index, o.object) != (chosen.object_index, chosen.object)]
@@ -224,11 +241,15 @@ though color speaks against it (-0.02). If flatness counted 0.02 times as much, 
         return sorted(apart, key=lambda candidate: -candidate.overall)
 
     def robustness(self) -> tuple[float, str] | None:
-        """The smallest joint change of weights that turns the choice to another object, and that object; None without another.
+        """The smallest joint change of weights that turns the choice to another object, and that object; None without
+        another.
 
         With maps it is the minimum over all actions elsewhere, else over :attr:`others`.
         """
-        others = [(contrast.flip_distance(contrast.rdx(self.selected.values, other.values)), other.object) for other in self.others]
+        others = [
+            (contrast.flip_distance(contrast.rdx(self.selected.values, other.values)), other.object)
+            for other in self.others
+        ]
         if not others or self.maps is None or self.scene is None:
             return min(others) if others else None
         own = -1 if self.selected.object_index is None else self.selected.object_index
@@ -241,7 +262,9 @@ though color speaks against it (-0.02). If flatness counted 0.02 times as much, 
         return float(distance[row, column]), self.scene.name((int(row), int(column)))
 
     def best_under(self, factors: Mapping[str, float]) -> Candidate:
-        """What would be chosen with other weights: Q_w = Σ_k factor_k w_k Q_k over all actions, or over what is known without maps."""
+        """What would be chosen with other weights: Q_w = Σ_k factor_k w_k Q_k over all actions, or over what is known
+        without maps.
+        """
 
         def worth(values: Mapping[str, float]) -> float:
             return sum(factors[name] * values[name] for name in self.components)
@@ -265,7 +288,9 @@ though color speaks against it (-0.02). If flatness counted 0.02 times as much, 
         return files.content(self, wording)
 
     def save(self, path: str | Path, wording: Any = None) -> list[Path]:
-        """Writes ``decision.json`` and, beside it, the maps as ``decision.npz`` where there are any; returns the paths."""
+        """Writes ``decision.json`` and, beside it, the maps as ``decision.npz`` where there are any; returns the
+        paths.
+        """
         from xqmap.explanations import files
 
         return files.save(self, Path(path), wording)

@@ -1,4 +1,6 @@
-"""A decision as files: ``decision.json``, which says everything in numbers and words, and the maps as ``decision.npz`` beside it."""
+"""A decision as files: ``decision.json``, which says everything in numbers and words, and the maps as ``decision.npz``
+beside it.
+"""
 
 from __future__ import annotations
 
@@ -46,7 +48,11 @@ def content(decision: Decision, wording: Any = None) -> dict[str, Any]:
     }
     if decision.scene is not None:
         scene = decision.scene
-        result["scene"] = {"names": scene.names, "background": scene.background, "bounds": np.asarray(scene.bounds).tolist()}
+        result["scene"] = {
+            "names": scene.names,
+            "background": scene.background,
+            "bounds": np.asarray(scene.bounds).tolist(),
+        }
     return result
 
 
@@ -96,7 +102,11 @@ def _add_maps(decision: Decision, scene: Any, beside: Path) -> None:
         names = [str(name)[:200] for name in scene["names"]]
         bounds = np.array(scene["bounds"], dtype=float)
         rows, columns = cells.shape
-        fits = maps.shape == (len(decision.components), rows, columns) and color.shape == (3, rows, columns) and height.shape == cells.shape
+        fits = (
+            maps.shape == (len(decision.components), rows, columns)
+            and color.shape == (3, rows, columns)
+            and height.shape == cells.shape
+        )
         fits = fits and bounds.shape == (3, 2) and bool(np.isfinite(bounds).all() and np.isfinite(height).all())
         fits = fits and int(cells.min()) >= -1 and int(cells.max()) < len(names) and not np.isinf(maps).any()
         for candidate in decision.candidates:
@@ -107,10 +117,14 @@ def _add_maps(decision: Decision, scene: Any, beside: Path) -> None:
             f"{beside}: not the maps of a decision ({type(error).__name__}); without it the numbers alone are explained"
         ) from None
     if not fits:
-        raise UserError(f"{beside}: does not belong to the decision beside it; without it the numbers alone are explained")
+        raise UserError(
+            f"{beside}: does not belong to the decision beside it; without it the numbers alone are explained"
+        )
     decision.maps = maps.astype(float)
     decision.heightmap = np.concatenate((color.astype(np.float32), height[None].astype(np.float32)))
-    decision.scene = Scene(names, cells.astype(int), str(scene["background"])[:200], bounds.tolist(), decision.heightmap[3])
+    decision.scene = Scene(
+        names, cells.astype(int), str(scene["background"])[:200], bounds.tolist(), decision.heightmap[3]
+    )
 
 
 def _plain(candidate: Candidate) -> dict[str, Any]:

@@ -1,4 +1,6 @@
-"""What lies where, in words: from the world's own knowledge, or from the heightmap alone. Replaceable: a perception makes a Scene."""
+"""What lies where, in words: from the world's own knowledge, or from the heightmap alone. Replaceable: a perception
+makes a Scene.
+"""
 
 from __future__ import annotations
 
@@ -53,7 +55,9 @@ class Perception(Protocol):
     """Names what is in a heightmap."""
 
     def __call__(self, heightmap: np.ndarray, grid: PixelGrid, task: Any) -> Scene:
-        """``heightmap`` ``[4, H, W]`` (0–255 and m), its grid, and the world it came from (None where there is none)."""
+        """``heightmap`` ``[4, H, W]`` (0–255 and m), its grid, and the world it came from (None where there is
+        none).
+        """
         ...
 
 
@@ -76,7 +80,8 @@ class Simulator:
 
 
 class Vision:
-    """From the heightmap alone: regions that stand up, their color by the nearest palette color, their shape by fits to the heights.
+    """From the heightmap alone: regions that stand up, their color by the nearest palette color, their shape by fits to
+    the heights.
 
     Args:
         background: the name of what does not stand up.
@@ -85,9 +90,9 @@ class Vision:
         smallest: cells an object has at least.
         edge: rise (m) between neighbouring cells that separates two objects.
         whole_first: whether a region that has one of the shapes as a whole is one object, whatever steps are in it.
-        shapes: names with the rules that choose them, tried in order: each may bound ``slope`` (degrees, of the plane that fits the
-            region), ``hollow`` (how far the middle lies below the rim, m) and ``extent`` (longest side, m) from above by ``max_*`` and
-            from below by ``min_*``.
+        shapes: names with the rules that choose them, tried in order: each may bound ``slope`` (degrees, of the plane
+            that fits the region), ``hollow`` (how far the middle lies below the rim, m) and ``extent`` (longest side,
+            m) from above by ``max_*`` and from below by ``min_*``.
         order: how a name is put together from ``{color}`` and ``{shape}``.
     """
 
@@ -139,15 +144,23 @@ class Vision:
             names.append(self._name(color[:, cores == core], height, cores == core, whole & seen, grid.pixel_size))
         return Scene(names, cells, self.background, grid.bounds, height)
 
-    def _name(self, color: np.ndarray, height: np.ndarray, inside: np.ndarray, whole: np.ndarray, pixel_size: float) -> str:
+    def _name(
+        self, color: np.ndarray, height: np.ndarray, inside: np.ndarray, whole: np.ndarray, pixel_size: float
+    ) -> str:
         shade = lab(np.median(color, axis=1)[None])[0]
         # Lightness says more of the lamp than of the paint.
         nearest = int(np.argmin(((self.palette - shade) ** 2 * (0.1, 1, 1)).sum(-1)))
         shape = self._shape(height, inside, whole, pixel_size)
-        return self.order.format(color=self.colors[nearest], shape=shape) if shape is not None else f"{self.colors[nearest]} object"
+        return (
+            self.order.format(color=self.colors[nearest], shape=shape)
+            if shape is not None
+            else f"{self.colors[nearest]} object"
+        )
 
     def _shape(self, height: np.ndarray, inside: np.ndarray, whole: np.ndarray, pixel_size: float) -> str | None:
-        """The first shape whose rules hold: of the plane through the cells ``inside``, and of the heights of the ``whole`` thing."""
+        """The first shape whose rules hold: of the plane through the cells ``inside``, and of the heights of the
+        ``whole`` thing.
+        """
         rows, columns = np.nonzero(inside)
         plane, *_ = np.linalg.lstsq(np.column_stack((rows, columns, np.ones(len(rows)))), height[inside], rcond=None)
         features = {
@@ -155,7 +168,9 @@ class Vision:
             "hollow": float(np.quantile(height[whole], 0.95) - np.median(height[whole])),
             "extent": float(max(np.ptp(side) + 1 for side in np.nonzero(whole))) * pixel_size,
         }
-        fitting = (name for name, rules in self.shapes.items() if all(_holds(*rule, features) for rule in rules.items()))
+        fitting = (
+            name for name, rules in self.shapes.items() if all(_holds(*rule, features) for rule in rules.items())
+        )
         return next(fitting, None)
 
 
@@ -165,16 +180,24 @@ def _holds(rule: str, limit: float, features: dict[str, float]) -> bool:
 
 
 def lab(rgb: np.ndarray) -> np.ndarray:
-    """SRGB ``[N, 3]`` (0–255) to CIE L*a*b* (D65) ``[N, 3]``, where distance is about what a person sees (CIE 15:2004)."""
+    """SRGB ``[N, 3]`` (0–255) to CIE L*a*b* (D65) ``[N, 3]``, where distance is about what a person sees (CIE
+    15:2004).
+    """
     linear = rgb / 255
     linear = np.where(linear > 0.04045, ((linear + 0.055) / 1.055) ** 2.4, linear / 12.92)
-    xyz = linear @ np.array([[0.4124, 0.2126, 0.0193], [0.3576, 0.7152, 0.1192], [0.1805, 0.0722, 0.9505]]) / (0.9505, 1.0, 1.089)
+    xyz = (
+        linear
+        @ np.array([[0.4124, 0.2126, 0.0193], [0.3576, 0.7152, 0.1192], [0.1805, 0.0722, 0.9505]])
+        / (0.9505, 1.0, 1.089)
+    )
     f = np.where(xyz > (6 / 29) ** 3, np.cbrt(xyz), xyz / (3 * (6 / 29) ** 2) + 4 / 29)
     return np.stack((116 * f[:, 1] - 16, 500 * (f[:, 0] - f[:, 1]), 200 * (f[:, 1] - f[:, 2])), axis=-1)
 
 
 def agreement(first: Scene, second: Scene) -> tuple[int, int]:
-    """How often two perceptions say the same: ``(agreeing, compared)`` over the objects of ``first``, asked at their middle cells."""
+    """How often two perceptions say the same: ``(agreeing, compared)`` over the objects of ``first``, asked at their
+    middle cells.
+    """
     agreeing = compared = 0
     for index, name in enumerate(first.names):
         cells = np.argwhere(first.cells == index)

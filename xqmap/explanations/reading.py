@@ -80,7 +80,10 @@ def parse(content: Any, source: str) -> Decision:
         for name in values:
             if name not in components:
                 raise wrong(f"{place}.values", f"has {name!r}, which is not among the components")
-        pixel, position = numbers(entry.get("pixel"), 2, f"{place}.pixel"), numbers(entry.get("position"), 3, f"{place}.position")
+        pixel, position = (
+            numbers(entry.get("pixel"), 2, f"{place}.pixel"),
+            numbers(entry.get("position"), 3, f"{place}.position"),
+        )
         if pixel and min(pixel) < 0:
             raise wrong(f"{place}.pixel", "must be a row and a column from 0 on")
         return Candidate(
@@ -113,5 +116,7 @@ def parse(content: Any, source: str) -> Decision:
         scene_seed=whole(seed),
         objects=sorted(objects, key=lambda thing: -thing.overall),
         step=whole(step) or 0,
-        noise={name: abs(number(noise[name], f"noise.{name}")) for name in components if name in noise} if isinstance(noise, dict) else {},
+        noise={name: abs(number(noise[name], f"noise.{name}")) for name in components if name in noise}
+        if isinstance(noise, dict)
+        else {},
     )

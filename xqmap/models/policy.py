@@ -12,7 +12,9 @@ from xqmap.models.qmaps import QMaps, write_chosen
 
 
 def masked_argmax(action_value: Tensor, mask: Tensor | None) -> Tensor:
-    """``[*, A]`` → ``[*]`` int64: the action of the highest value among those the mask ``[*, A]`` allows (all, if it allows none)."""
+    """``[*, A]`` → ``[*]`` int64: the action of the highest value among those the mask ``[*, A]`` allows (all, if it
+    allows none).
+    """
     if mask is not None:
         blocked = ~mask & mask.any(-1, keepdim=True)
         action_value = action_value.masked_fill(blocked, -torch.inf)
@@ -22,8 +24,8 @@ def masked_argmax(action_value: Tensor, mask: Tensor | None) -> Tensor:
 class GreedyPolicy(TensorDictModuleBase):
     """a* = argmax_a Σ_k w_k Q_k(s, a): one argmax for all components.
 
-    Reads ``heightmap`` and, where it is there, ``action_mask``. Writes ``action`` and everything :class:`QMaps` writes, the values at
-    the chosen action included (torchrl's value estimators look for them among the policy's output).
+    Reads ``heightmap`` and, where it is there, ``action_mask``. Writes ``action`` and everything :class:`QMaps` writes,
+    the values at the chosen action included (torchrl's value estimators look for them among the policy's output).
     """
 
     def __init__(self, qmaps: QMaps) -> None:
@@ -41,7 +43,9 @@ class GreedyPolicy(TensorDictModuleBase):
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Draws the maps, takes the argmax, writes the values at it."""
         tensordict = self.qmaps(tensordict.exclude(keys.ACTION, inplace=True))
-        tensordict.set(keys.ACTION, masked_argmax(tensordict[keys.ACTION_VALUE], tensordict.get(keys.ACTION_MASK, None)))
+        tensordict.set(
+            keys.ACTION, masked_argmax(tensordict[keys.ACTION_VALUE], tensordict.get(keys.ACTION_MASK, None))
+        )
         return write_chosen(tensordict)
 
 
@@ -52,13 +56,20 @@ class EpsilonGreedy(TensorDictModuleBase):
         eps_init: ε at the first decision.
         eps_end: ε from ``annealing_frames`` on.
         annealing_frames: decisions over which ε falls.
-        raised_share: share of the random actions drawn from cells higher than ``raised_height`` (where objects are), the rest from all.
+        raised_share: share of the random actions drawn from cells higher than ``raised_height`` (where objects are),
+            the rest from all.
         raised_height: metres above the workspace's floor.
         seed: of the generator the random actions come from.
     """
 
     def __init__(
-        self, eps_init: float, eps_end: float, annealing_frames: int, raised_share: float, raised_height: float, seed: int
+        self,
+        eps_init: float,
+        eps_end: float,
+        annealing_frames: int,
+        raised_share: float,
+        raised_height: float,
+        seed: int,
     ) -> None:
         super().__init__()
         self.in_keys = [keys.HEIGHTMAP, keys.ACTION, keys.COMPONENT_ACTION_VALUE, keys.ACTION_VALUE]
@@ -75,7 +86,9 @@ class EpsilonGreedy(TensorDictModuleBase):
         return self.eps_init + (self.eps_end - self.eps_init) * done
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
-        """Replaces ``action`` ``[*]`` (and the values there) by a random one with probability ε, and counts the decisions."""
+        """Replaces ``action`` ``[*]`` (and the values there) by a random one with probability ε, and counts the
+        decisions.
+        """
         action = tensordict[keys.ACTION]
         flat = action.reshape(-1)
         allowed = self._allowed(tensordict)

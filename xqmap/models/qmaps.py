@@ -24,33 +24,38 @@ def values_at(maps: Tensor, action: Tensor) -> Tensor:
 
 
 def pad_to_grid(heightmap: Tensor, stride: int) -> Tensor:
-    """Empty cells below and to the right of ``[B, C, H, W]`` until ``stride`` divides H and W; the same tensor where it does."""
+    """Empty cells below and to the right of ``[B, C, H, W]`` until ``stride`` divides H and W; the same tensor where it
+    does.
+    """
     below, right = (-edge % stride for edge in heightmap.shape[-2:])
     # torch copies the map even where there is nothing to add.
     return F.pad(heightmap, (0, right, 0, below)) if below or right else heightmap
 
 
 def write_chosen(tensordict: TensorDictBase) -> TensorDictBase:
-    """Writes ``chosen_component_value`` ``[*, K]`` and ``chosen_action_value`` ``[*, 1]`` for the ``action`` that is there."""
+    """Writes ``chosen_component_value`` ``[*, K]`` and ``chosen_action_value`` ``[*, 1]`` for the ``action`` that is
+    there.
+    """
     action = tensordict[keys.ACTION]
     tensordict.set(keys.CHOSEN_COMPONENT_VALUE, values_at(tensordict[keys.COMPONENT_ACTION_VALUE], action))
     return tensordict.set(keys.CHOSEN_ACTION_VALUE, tensordict[keys.ACTION_VALUE].gather(-1, action[..., None]))
 
 
 class QMaps(TensorDictModuleBase):
-    """K separate U-Nets behind one fixed stem: heightmap in, one Q-Map per component out (X-QMap, Lu et al. 2023, section III).
+    """K separate U-Nets behind one fixed stem: heightmap in, one Q-Map per component out (X-QMap, Lu et al. 2023,
+    section III).
 
-    Reads ``heightmap`` ``[*, 4, H, W]`` and, where it is there, ``action`` ``[*]``. Writes ``component_action_value`` ``[*, K, A]``,
-    ``action_value`` ``[*, A]`` = Σ_k w_k Q_k, and for a given action ``chosen_component_value`` ``[*, K]`` and
-    ``chosen_action_value`` ``[*, 1]``.
+    Reads ``heightmap`` ``[*, 4, H, W]`` and, where it is there, ``action`` ``[*]``. Writes ``component_action_value``
+    ``[*, K, A]``, ``action_value`` ``[*, A]`` = Σ_k w_k Q_k, and for a given action ``chosen_component_value``
+    ``[*, K]`` and ``chosen_action_value`` ``[*, 1]``.
 
     Args:
         components: names of the K components; the order of every K axis.
         stem: the geometry computed from the heightmap.
         unet: builds one U-Net from its number of input channels.
         weights: w_k in the order of ``components``; 1 each when not given.
-        symmetric: in evaluation mode a map is the mean over the turned and mirrored heightmaps: the argmax over thousands of cells finds
-            a single view's outliers, and no outlier is one from every side.
+        symmetric: in evaluation mode a map is the mean over the turned and mirrored heightmaps: the argmax over
+            thousands of cells finds a single view's outliers, and no outlier is one from every side.
     """
 
     def __init__(
@@ -88,16 +93,21 @@ class QMaps(TensorDictModuleBase):
         return [unet for unet in self.unets if isinstance(unet, UNet)]
 
     def maps(self, heightmap: Tensor) -> Tensor:
-        """``[B, 4, H, W]`` → the Q-Maps ``[B, K, H, W]``; sizes that the poolings do not divide are padded with empty cells."""
+        """``[B, 4, H, W]`` → the Q-Maps ``[B, K, H, W]``; sizes that the poolings do not divide are padded with empty
+        cells.
+        """
         if self.training or not self.symmetric:
             return self._padded(heightmap)
         sides = range(elements(*heightmap.shape[-2:]))
-        return torch.stack([restore(self._padded(transform(heightmap, side).contiguous()), side) for side in sides]).mean(0)
+        return torch.stack(
+            [restore(self._padded(transform(heightmap, side).contiguous()), side) for side in sides]
+        ).mean(0)
 
     def _padded(self, heightmap: Tensor) -> Tensor:
         rows, columns = heightmap.shape[-2:]
         heightmap = pad_to_grid(heightmap, self.stride)
-        # Without gradients nothing has to be kept, so a processor goes map after map: the layers of one stay in its cache.
+        # Without gradients nothing has to be kept, so a processor goes map after map: the layers of one stay in its
+        # cache.
         alone = heightmap.device.type == "cpu" and not torch.is_grad_enabled()
         parts = heightmap.split(max(1, _CELLS_IN_CACHE // heightmap[0, 0].numel())) if alone else (heightmap,)
         return torch.cat([self._maps(part) for part in parts])[..., :rows, :columns]

@@ -1,4 +1,6 @@
-"""A fully convolutional U-Net (Ronneberger et al., 2015) from a heightmap to one value per cell, and the geometry it sees first."""
+"""A fully convolutional U-Net (Ronneberger et al., 2015) from a heightmap to one value per cell, and the geometry it
+sees first.
+"""
 
 from __future__ import annotations
 
@@ -13,10 +15,10 @@ CONVS_PER_LEVEL = 2
 class LocalGeometry(nn.Module):
     """Turns a raw heightmap into what matters near a cell: colour, height, and the plane that fits its neighbourhood.
 
-    A raw height in metres hides a slope of a few centimetres between cells, so a plain network never learns flatness. As HHA
-    encodings of RGB-D images do (Gupta et al., 2014), the stem adds geometry computed from the same heights: for each window, the
-    least-squares plane's slope and the residual around it (high at edges), and the height relative to the surroundings. All are
-    invariant under turning and mirroring the map. No parameters are learned here.
+    A raw height in metres hides a slope of a few centimetres between cells, so a plain network never learns flatness.
+    As HHA encodings of RGB-D images do (Gupta et al., 2014), the stem adds geometry computed from the same heights: for
+    each window, the least-squares plane's slope and the residual around it (high at edges), and the height relative to
+    the surroundings. All are invariant under turning and mirroring the map. No parameters are learned here.
 
     Args:
         pixel_size: edge of a cell in metres.
@@ -28,11 +30,15 @@ class LocalGeometry(nn.Module):
     Shapes: ``[B, 4, H, W]`` (0–255 and metres) → ``[B, channels, H, W]``, about unit scale.
     """
 
-    def __init__(self, pixel_size: float, height_scale: float, plane_windows: list[int], surroundings: int, slope_scale: float) -> None:
+    def __init__(
+        self, pixel_size: float, height_scale: float, plane_windows: list[int], surroundings: int, slope_scale: float
+    ) -> None:
         super().__init__()
         for edge in (*plane_windows, surroundings):
             if edge < 3 or edge % 2 == 0:
-                raise ValueError(f"qnet.plane_windows and qnet.surroundings must be odd numbers of cells from 3 on, not {edge}")
+                raise ValueError(
+                    f"qnet.plane_windows and qnet.surroundings must be odd numbers of cells from 3 on, not {edge}"
+                )
         self.pixel_size, self.height_scale, self.slope_scale = pixel_size, height_scale, slope_scale
         self.plane_windows, self.surroundings = list(plane_windows), surroundings
         for edge in self.plane_windows:
@@ -84,7 +90,8 @@ def _box(image: Tensor, edge: int) -> Tensor:
 
 
 class UNet(nn.Module):
-    """Encoder and decoder with skip connections; no normalisation over the image, so a value depends on a window around its cell only.
+    """Encoder and decoder with skip connections; no normalisation over the image, so a value depends on a window around
+    its cell only.
 
     Args:
         in_channels: channels of the input.
@@ -106,7 +113,8 @@ class UNet(nn.Module):
     def radius(self) -> int:
         """How many cells to each side an output cell depends on, from the convolutions and poolings that are there."""
         deepest = CONVS_PER_LEVEL * 2**self.depth
-        # Each pooling sees up to one cell of the finer level besides its own; nearest upsampling looks at the cell's own parent.
+        # Each pooling sees up to one cell of the finer level besides its own; nearest upsampling looks at the cell's
+        # own parent.
         return deepest + sum(2 * CONVS_PER_LEVEL * 2**level + 2**level for level in range(self.depth))
 
     def forward(self, image: Tensor) -> Tensor:
@@ -133,9 +141,11 @@ def _pool(image: Tensor) -> Tensor:
 
 
 def _upconv(conv: nn.Conv2d, below: Tensor, skip: Tensor) -> Tensor:
-    """``conv`` over ``below``, each cell of it made 2 × 2, beside ``skip``; neither the larger map nor the two together are ever built.
+    """``conv`` over ``below``, each cell of it made 2 × 2, beside ``skip``; neither the larger map nor the two together
+    are ever built.
 
-    A 3 × 3 kernel that slides over doubled cells meets each with its taps 2, 1 + 2, 0 + 1, 0 in turn: a transposed convolution.
+    A 3 × 3 kernel that slides over doubled cells meets each with its taps 2, 1 + 2, 0 + 1, 0 in turn: a transposed
+    convolution.
     """
     kernel, rest = conv.weight.split((below.shape[1], skip.shape[1]), dim=1)
     for axis in (2, 3):
@@ -148,5 +158,8 @@ def _upconv(conv: nn.Conv2d, below: Tensor, skip: Tensor) -> Tensor:
 def _block(in_channels: int, out_channels: int) -> nn.Sequential:
     layers: list[nn.Module] = []
     for i in range(CONVS_PER_LEVEL):
-        layers += [nn.Conv2d(in_channels if i == 0 else out_channels, out_channels, 3, padding=1), nn.ReLU(inplace=True)]
+        layers += [
+            nn.Conv2d(in_channels if i == 0 else out_channels, out_channels, 3, padding=1),
+            nn.ReLU(inplace=True),
+        ]
     return nn.Sequential(*layers)

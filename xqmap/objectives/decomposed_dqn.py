@@ -21,10 +21,12 @@ from xqmap.objectives.windows import can_window, crop
 
 
 class DecomposedDQNLoss(LossModule):
-    """Double DQN on K reward components that share one greedy action (X-QMap, Lu et al. 2023, arXiv:2304.12958, equations 3–5).
+    """Double DQN on K reward components that share one greedy action (X-QMap, Lu et al. 2023, arXiv:2304.12958,
+    equations 3–5).
 
-    a⁺ = argmax_a' Σ_k w_k Q_k(s', a') by the online nets; y_k = r_k + γ (1 − terminated) Q̄_k(s', a⁺) by the target nets; the loss is
-    Σ_k d(Q_k(s, a), y_k) over one batch for all k. All Q_k then value one policy. With K = 1 this is double DQN exactly.
+    a⁺ = argmax_a' Σ_k w_k Q_k(s', a') by the online nets; y_k = r_k + γ (1 − terminated) Q̄_k(s', a⁺) by the target
+    nets; the loss is Σ_k d(Q_k(s, a), y_k) over one batch for all k. All Q_k then value one policy. With K = 1 this is
+    double DQN exactly.
 
     Args:
         value_network: writes ``component_action_value`` ``[B, K, A]`` and ``action_value`` ``[B, A]``.
@@ -32,11 +34,14 @@ class DecomposedDQNLoss(LossModule):
     Keyword Args:
         components: names of the K components; the outputs are ``loss_<component>``.
         double_dqn: the online nets choose a⁺; otherwise the target nets do.
-        delay_value: keep target nets (copies moved by a torchrl target updater); otherwise the online nets are their own target.
+        delay_value: keep target nets (copies moved by a torchrl target updater); otherwise the online nets are their
+            own target.
         loss_function: the distance d: ``"l1"``, ``"l2"`` or ``"smooth_l1"``.
-        shared_argmax: False lets each component assume its own greedy future, y_k = r_k + γ max_a' Q̄_k(s', a'), as in HRA
-            (van Seijen et al. 2017). The bars of such an agent value K different policies: a contrast, not an explanation.
-        windowed: compute values and gradients on the receptive-field window of each action only: same numbers, less work.
+        shared_argmax: False lets each component assume its own greedy future, y_k = r_k + γ max_a' Q̄_k(s', a'), as in
+            HRA (van Seijen et al. 2017). The bars of such an agent value K different policies: a contrast, not an
+            explanation.
+        windowed: compute values and gradients on the receptive-field window of each action only: same numbers, less
+            work.
         reduction: ``"mean"``, ``"sum"`` or ``"none"`` over the batch.
 
     Raises:
@@ -104,7 +109,8 @@ class DecomposedDQNLoss(LossModule):
         super().__init__()
         if windowed and not can_window(value_network):
             raise ValueError(
-                "loss.windowed=true needs a network that states its radius and stride and has no normalisation over the image; "
+                "loss.windowed=true needs a network that states its radius and stride and has no normalisation over "
+                "the image; "
                 "set loss.windowed=false"
             )
         self.components = tuple(components)
@@ -128,7 +134,9 @@ class DecomposedDQNLoss(LossModule):
         """What a call by keyword needs."""
         if self._in_keys is None:
             k = self.tensor_keys
-            following = [unravel_key(("next", key)) for key in (*self.value_network.in_keys, k.reward, k.done, k.terminated)]
+            following = [
+                unravel_key(("next", key)) for key in (*self.value_network.in_keys, k.reward, k.done, k.terminated)
+            ]
             self._in_keys = [k.action, *self.value_network.in_keys, *following]
         return self._in_keys
 
@@ -178,12 +186,13 @@ class DecomposedDQNLoss(LossModule):
         """The loss of a batch of transitions.
 
         Args:
-            tensordict: ``[B]`` transitions: the network's input, ``action`` ``[B]``, and under ``"next"`` the network's input,
-                ``reward_components`` ``[B, K]``, ``done`` and ``terminated`` ``[B, 1]``; a ``priority_weight`` ``[B]`` multiplies each
-                transition's loss. Gets ``td_error`` ``[B]`` written, nothing else.
+            tensordict: ``[B]`` transitions: the network's input, ``action`` ``[B]``, and under ``"next"`` the network's
+                input, ``reward_components`` ``[B, K]``, ``done`` and ``terminated`` ``[B, 1]``; a ``priority_weight``
+                ``[B]`` multiplies each transition's loss. Gets ``td_error`` ``[B]`` written, nothing else.
 
         Returns:
-            A TensorDict of ``loss_<component>``, ``td_error_<component>`` (mean |δ_k|) and ``value_<component>`` (mean Q_k(s, a)).
+            A TensorDict of ``loss_<component>``, ``td_error_<component>`` (mean |δ_k|) and ``value_<component>`` (mean
+            Q_k(s, a)).
         """
         action = tensordict.get(self.tensor_keys.action)
         value = self._values(tensordict, action, self.value_network_params)
@@ -198,7 +207,9 @@ class DecomposedDQNLoss(LossModule):
         out: dict[str, Tensor] = {}
         for k, name in enumerate(self.components):
             column = loss[..., k]
-            out[f"loss_{name}"] = column.mean() if self.reduction == "mean" else column.sum() if self.reduction == "sum" else column
+            out[f"loss_{name}"] = (
+                column.mean() if self.reduction == "mean" else column.sum() if self.reduction == "sum" else column
+            )
             out[f"td_error_{name}"] = error[..., k].mean()
             out[f"value_{name}"] = value.detach()[..., k].mean()
         self._clear_weakrefs(tensordict, "value_network_params", "target_value_network_params")
@@ -242,7 +253,9 @@ class DecomposedDQNLoss(LossModule):
         target = self.target_value_network_params
         if not self.shared_argmax:
             maps = self._network(following, target).get(self.tensor_keys.component_action_value)
-            return maps.gather(-1, masked_argmax(maps, None if mask is None else mask[..., None, :])[..., None]).squeeze(-1)
+            return maps.gather(
+                -1, masked_argmax(maps, None if mask is None else mask[..., None, :])[..., None]
+            ).squeeze(-1)
         chooser = self.value_network_params if self.double_dqn else target
         best = masked_argmax(self._network(following, chooser).get(self.tensor_keys.action_value), mask)
         return self._values(following, best, target)

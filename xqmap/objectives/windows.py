@@ -1,8 +1,8 @@
 """The receptive-field window around an action: all that the value there, and its gradient, depend on.
 
-The TD loss touches one cell per sample. Without normalisation over the image, Q_k(s, a) depends only on the cells within the
-network's radius of a; computed on that window, aligned to the pooling grid and padded where the full map is padded, value and
-gradient are the same at a fraction of the cost.
+The TD loss touches one cell per sample. Without normalisation over the image, Q_k(s, a) depends only on the cells
+within the network's radius of a; computed on that window, aligned to the pooling grid and padded where the full map is
+padded, value and gradient are the same at a fraction of the cost.
 """
 
 from __future__ import annotations
@@ -25,7 +25,9 @@ class Windowed(Protocol):
 
 
 def can_window(network: nn.Module) -> TypeGuard[Windowed]:
-    """Whether windows give the full map's values: the network states its radius and stride and never normalises over the image."""
+    """Whether windows give the full map's values: the network states its radius and stride and never normalises over
+    the image.
+    """
     stated = isinstance(getattr(network, "radius", None), int) and isinstance(getattr(network, "stride", None), int)
     return stated and not any(isinstance(module, _OVER_THE_IMAGE) for module in network.modules())
 
@@ -40,8 +42,8 @@ def crop(heightmap: Tensor, action: Tensor, radius: int, stride: int) -> tuple[T
         stride: windows start at multiples of it.
 
     Returns:
-        The windows ``[B, C, h, w]`` and the actions ``[B]`` within them (row · w + column). Where a window would reach over the
-        map's edge it is moved inside, so that its edge is the map's.
+        The windows ``[B, C, h, w]`` and the actions ``[B]`` within them (row · w + column). Where a window would reach
+        over the map's edge it is moved inside, so that its edge is the map's.
     """
     columns = heightmap.shape[-1]
     heightmap = pad_to_grid(heightmap, stride)

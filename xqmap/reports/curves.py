@@ -21,7 +21,8 @@ from xqmap.reports.runs import Run
 
 # Places along a curve; more than a screen's width would show.
 POINTS = 200
-# Each is the mean over so many places about it: a row of metrics holds a few decisions and is mostly noise. ``success`` looks back itself.
+# Each is the mean over so many places about it: a row of metrics holds a few decisions and is mostly noise. ``success``
+# looks back itself.
 SMOOTHED = POINTS // 20 + 1
 # What the groups of metrics mean, in the order they are shown.
 METRICS = {
@@ -68,10 +69,13 @@ def curve(runs: Sequence[Run], metric: str, against: str, span: float = 0.0) -> 
             ends += [parts[-1][0][-1]] if run.finished else []
     if not parts:
         return None
-    # Where the first finished training ends the curve does: a mean over fewer would jump. A broken one counts as far as it came.
+    # Where the first finished training ends the curve does: a mean over fewer would jump. A broken one counts as far as
+    # it came.
     end = min(ends) if ends else max(x[-1] for x, _ in parts)
     grid = np.linspace(min(max(x[0] for x, _ in parts), end), max(span, end), POINTS)
-    values = np.array([_smooth(np.interp(grid, x, y, right=np.nan), 1 if metric == "success" else SMOOTHED) for x, y in parts])
+    values = np.array(
+        [_smooth(np.interp(grid, x, y, right=np.nan), 1 if metric == "success" else SMOOTHED) for x, y in parts]
+    )
     known = np.isfinite(values).any(0) & (grid <= end)
     values = values[:, known]
     return Curve(grid[known], np.nanmean(values, 0), np.nanmin(values, 0), np.nanmax(values, 0))
@@ -94,11 +98,18 @@ def _thinned(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def columns(runs: Sequence[Run], metric: str) -> list[str]:
-    """The columns of a group of metrics: ``return`` has ``return/color`` and the like, in the order of the settings' components."""
+    """The columns of a group of metrics: ``return`` has ``return/color`` and the like, in the order of the settings'
+    components.
+    """
     order = [
-        f"{metric}/{name}" for key in ("task.components", "method.components") for run in runs for name in _listed(run.settings.get(key))
+        f"{metric}/{name}"
+        for key in ("task.components", "method.components")
+        for run in runs
+        for name in _listed(run.settings.get(key))
     ]
-    there = dict.fromkeys(name for run in runs for name in run.columns if name == metric or name.startswith(f"{metric}/"))
+    there = dict.fromkeys(
+        name for run in runs for name in run.columns if name == metric or name.startswith(f"{metric}/")
+    )
     return list(dict.fromkeys([name for name in order if name in there] + list(there)))
 
 
@@ -107,7 +118,8 @@ def _listed(value: Any) -> list[Any]:
 
 
 def learning(groups: dict[str, list[Run]], metric: str, colors: dict[str, str]) -> Figure | None:
-    """A group of metrics, one panel per component, against interactions and against minutes; None where nothing was logged.
+    """A group of metrics, one panel per component, against interactions and against minutes; None where nothing was
+    logged.
 
     Args:
         groups: trainings by the label of their method.
@@ -130,7 +142,9 @@ def learning(groups: dict[str, list[Run]], metric: str, colors: dict[str, str]) 
         for i, (against, (_, unit)) in enumerate(AXES.items()):
             for j, name in enumerate(names):
                 axis: Axes = axes.ravel()[i * len(names) + j]
-                span = max((line.x[-1] for runs in groups.values() if (line := curve(runs, name, against))), default=0.0)
+                span = max(
+                    (line.x[-1] for runs in groups.values() if (line := curve(runs, name, against))), default=0.0
+                )
                 for label, runs in groups.items():
                     if line := curve(runs, name, against, span):
                         axis.fill_between(line.x, line.low, line.high, color=colors[label], alpha=0.2, lw=0)
@@ -180,7 +194,10 @@ def intervals(rows: Sequence[Row], colors: dict[str, str]) -> Figure:
 def shares(groups: dict[str, list[Run]]) -> Figure | None:
     """Where wall-clock went, by method: the last ``share/…`` of its trainings, averaged."""
     names = columns([run for runs in groups.values() for run in runs], "share")
-    means = {label: [float(np.mean([run.last(name) for run in runs if run.columns])) for name in names] for label, runs in groups.items()}
+    means = {
+        label: [float(np.mean([run.last(name) for run in runs if run.columns])) for name in names]
+        for label, runs in groups.items()
+    }
     means = {label: values for label, values in means.items() if sum(values) > 0}
     if not means:
         return None
@@ -189,10 +206,19 @@ def shares(groups: dict[str, list[Run]]) -> Figure | None:
         left = np.zeros(len(means))
         for i, name in enumerate(names):
             width = np.array([values[i] for values in means.values()])
-            axis.barh(range(len(means)), width, left=left, color=PALETTE[i % len(PALETTE)], label=name.partition("/")[2], height=0.7)
+            axis.barh(
+                range(len(means)),
+                width,
+                left=left,
+                color=PALETTE[i % len(PALETTE)],
+                label=name.partition("/")[2],
+                height=0.7,
+            )
             for row, (w, at) in enumerate(zip(width, left, strict=True)):
                 if w >= 0.05:
-                    axis.text(at + w / 2, row, tables.percent(w, 0), ha="center", va="center", fontsize=8, color="white")
+                    axis.text(
+                        at + w / 2, row, tables.percent(w, 0), ha="center", va="center", fontsize=8, color="white"
+                    )
             left += width
         axis.invert_yaxis()
         axis.set_yticks(range(len(means)), list(map(_beside, means)))

@@ -35,7 +35,8 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], caption: str, text
         return f"<td{kind}{key}>{escape(value).replace('+', '<wbr>+')}</td>"
 
     titles = "".join(
-        f'<th scope="col"{"" if i >= text_columns else " class=text"}><button type="button">{escape(title)}</button></th>'
+        f'<th scope="col"{"" if i >= text_columns else " class=text"}><button '
+        f'type="button">{escape(title)}</button></th>'
         for i, title in enumerate(head)
     )
     body = "".join(f"<tr>{''.join(cell(value, i) for i, value in enumerate(row))}</tr>" for row in rows)
@@ -55,7 +56,8 @@ def figure(drawn: Figure, caption: str) -> str:
     svg = _GRAY.sub(lambda found: _themed(int(found[1], 16)), text[text.index("<svg") :])
     # The axes' parts are numbered from 1 in every figure; nothing on the page refers to them.
     svg = re.sub(
-        r' id="(figure|axes|patch|text|line2d|matplotlib\.axis|xtick|ytick|legend|PolyCollection|FillBetween\w*|LineCollection)_\d+"',
+        r' id="(figure|axes|patch|text|line2d|matplotlib\.axis|xtick|ytick|legend|PolyCollection'
+        r'|FillBetween\w*|LineCollection)_\d+"',
         "",
         svg,
     )
@@ -84,7 +86,10 @@ def picture(path: Path, caption: str, width: int, alt: str = "") -> str:
     image.save(buffer, format="WEBP", quality=85, method=4)
     data = base64.b64encode(buffer.getvalue()).decode()
     source = f'width="{image.width}" height="{image.height}" src="data:image/webp;base64,{data}"'
-    return f'<figure><img alt="{escape(alt or caption, quote=True)}" {source}><figcaption>{escape(caption)}</figcaption></figure>'
+    return (
+        f'<figure><img alt="{escape(alt or caption, quote=True)}" '
+        f"{source}><figcaption>{escape(caption)}</figcaption></figure>"
+    )
 
 
 def _themed(level: int) -> str:

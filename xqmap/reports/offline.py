@@ -1,4 +1,6 @@
-"""Reads a wandb run's file through wandb's own public reader, ``wandb leet inspect --json``: one JSON record per line."""
+"""Reads a wandb run's file through wandb's own public reader, ``wandb leet inspect --json``: one JSON record per
+line.
+"""
 
 from __future__ import annotations
 

@@ -66,7 +66,11 @@ class Report:
         groups, rows = self.groups(task), [row for row in self.rows if row.task == task]
         colors = {label: curves.COLORS[i % len(curves.COLORS)] for i, label in enumerate(groups)}
         if rows:
-            yield "choices", curves.intervals(rows, colors), f"Best choices in {task}: the dot is the mean, the line its 95 % interval."
+            yield (
+                "choices",
+                curves.intervals(rows, colors),
+                f"Best choices in {task}: the dot is the mean, the line its 95 % interval.",
+            )
         for metric, meaning in curves.METRICS.items():
             if figure := curves.learning(groups, metric, colors):
                 yield metric, figure, f"{meaning}; against decisions and against minutes."
@@ -83,11 +87,16 @@ def page(report: Report) -> str:
         sections["Left out"] = facts.left_out(report.left_out)
     title = f"xqmap: {_count(len(report.runs), 'training')} of {_count(len(tasks), 'task')}"
     links = "".join(f'<a href="#{_anchor(name)}">{escape(name)}</a>' for name in sections)
-    body = "".join(f'<section id="{_anchor(name)}"><h2>{escape(name)}</h2>{content}</section>' for name, content in sections.items())
+    body = "".join(
+        f'<section id="{_anchor(name)}"><h2>{escape(name)}</h2>{content}</section>'
+        for name, content in sections.items()
+    )
     style, script = ((_HERE / name).read_text(encoding="utf-8") for name in ("report.css", "report.js"))
     return (
-        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">'
-        f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}"><title>{escape(title)}</title><style>{style}</style></head>'
+        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><meta name="viewport" '
+        'content="width=device-width">'
+        f'<meta http-equiv="Content-Security-Policy" '
+        f'content="{_POLICY}"><title>{escape(title)}</title><style>{style}</style></head>'
         f"<body><header><h1>{escape(title)}</h1><p class=soft>{escape(_summary(report))}</p><nav>{links}</nav></header>"
         f"<main>{body}</main><script>{script}</script></body></html>\n"
     )
@@ -98,7 +107,8 @@ def _summary(report: Report) -> str:
     running = sum(run.running for run in report.runs)
     unfinished = sum(not run.finished and not run.running for run in report.runs)
     parts = [
-        f"{sum(run.decisions for run in report.runs):,} decisions in {sum(run.minutes for run in report.runs):,.1f} minutes of training"
+        f"{sum(run.decisions for run in report.runs):,} decisions in {sum(run.minutes for run in report.runs):,.1f} "
+        "minutes of training"
     ]
     parts += [f"started {started[0]}" + (f" to {started[-1]}" if started[-1] != started[0] else "")] if started else []
     parts += [f"{_count(running, 'training')} still running"] if running else []
@@ -112,12 +122,22 @@ def _results(report: Report) -> str:
     parts = [f"<p class=lead>{escape(sentence).replace(' %', '&nbsp;%')}</p>" for sentence in _headlines(report.rows)]
     usual, others = ([row for row in report.rows if bool(row.sheet) == other] for other in (False, True))
     if usual:
-        parts.append(_table(usual, "Choices whose reward was the highest that any action would have had, in scenes no training shows."))
+        parts.append(
+            _table(
+                usual,
+                "Choices whose reward was the highest that any action would have had, in scenes no training shows.",
+            )
+        )
     if others:
-        parts += ["<h3>Other scenes</h3>", _table(others, "The same policies on evaluation sheets: other scenes, or more of them.")]
+        parts += [
+            "<h3>Other scenes</h3>",
+            _table(others, "The same policies on evaluation sheets: other scenes, or more of them."),
+        ]
     parts.append(
-        "<p class=soft>The interval of one training is Wilson's for a proportion; of several it is a bootstrap over training seeds, never "
-        "narrower than Wilson's for all choices together. Regret is the mean of highest reward available − reward taken. The column "
+        "<p class=soft>The interval of one training is Wilson's for a proportion; of several it is a bootstrap over "
+        "training seeds, never "
+        "narrower than Wilson's for all choices together. Regret is the mean of highest reward available − reward "
+        "taken. The column "
         "“paper” is what Lu et al. (ICDL 2023) print.</p>"
     )
     return "".join(parts)
@@ -130,12 +150,16 @@ def _table(rows: Sequence[Row], caption: str) -> str:
 
 def _headlines(rows: Sequence[Row]) -> list[str]:
     said = []
-    for members in results.grouped((row for row in rows if row.training_seeds and not row.sheet), lambda row: row.task).values():
+    for members in results.grouped(
+        (row for row in rows if row.training_seeds and not row.sheet), lambda row: row.task
+    ).values():
         row = members[0]
         trained = "one training" if len(row.training_seeds) == 1 else f"{len(row.training_seeds)} trainings"
         paper = f"; the paper prints {row.paper}" if row.paper else ""
         measured = f"{tables.interval(*row.ci95)}; {row.choices} choices of {trained}{paper}"
-        said.append(f"{row.task}: {row.label} made the best choice {tables.percent(row.mean)} of the time ({measured}).")
+        said.append(
+            f"{row.task}: {row.label} made the best choice {tables.percent(row.mean)} of the time ({measured})."
+        )
     return said
 
 
@@ -146,7 +170,8 @@ def _task(report: Report, task: str) -> str:
     time = drawn.pop("time", "")
     if drawn:
         parts += [
-            "<h3>Learning</h3><p class=soft>Line: mean over trainings. Band: from the lowest training to the highest. Returns, errors and "
+            "<h3>Learning</h3><p class=soft>Line: mean over trainings. Band: from the lowest training to the highest. "
+            "Returns, errors and "
             "losses are means over a twentieth of the curve.</p>",
             *drawn.values(),
         ]
@@ -155,7 +180,10 @@ def _task(report: Report, task: str) -> str:
     parts += stories.decision(runs)
     parts += [facts.confusion(row) for row in rows if row.confusion and not row.sheet]
     if more := [facts.confusion(row) for row in rows if row.confusion and row.sheet]:
-        parts.append(f"<details><summary>Chosen and best in other scenes: {_count(len(more), 'table')}</summary>{''.join(more)}</details>")
+        parts.append(
+            f"<details><summary>Chosen and best in other scenes: "
+            f"{_count(len(more), 'table')}</summary>{''.join(more)}</details>"
+        )
     parts += [facts.calibration(runs), facts.settings(runs)]
     return "".join(parts)
 

@@ -1,4 +1,6 @@
-"""The runs under a directory: settings, curves, pictures and how each of them ended, from wandb's files and our own beside them."""
+"""The runs under a directory: settings, curves, pictures and how each of them ended, from wandb's files and our own
+beside them.
+"""
 
 from __future__ import annotations
 
@@ -87,7 +89,11 @@ class Run:
         short = isinstance(wanted, int) and self.decisions < wanted
         if self.result and not short:
             return "finished"
-        progress = f"at {self.decisions:,} of {wanted:,} decisions" if isinstance(wanted, int) else f"at {self.decisions:,} decisions"
+        progress = (
+            f"at {self.decisions:,} of {wanted:,} decisions"
+            if isinstance(wanted, int)
+            else f"at {self.decisions:,} decisions"
+        )
         if self.running:
             return f"running, {progress}"
         if not self.ended:
@@ -119,7 +125,14 @@ def gather(root: Path, found: Sequence[Result]) -> tuple[list[Run], dict[Path, s
     directories = sorted({*files, *evaluated, *settled, *(path.parent for path in root.rglob("metrics.csv"))})
     every = [path for directory in directories for path in files.get(directory, [])]
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        reading = tqdm(pool.map(offline.read, every), total=len(every), unit="run", desc="reading", mininterval=1.0, disable=not every)
+        reading = tqdm(
+            pool.map(offline.read, every),
+            total=len(every),
+            unit="run",
+            desc="reading",
+            mininterval=1.0,
+            disable=not every,
+        )
         logs = dict(zip(every, reading, strict=True))
 
     runs: list[Run] = []
@@ -134,7 +147,9 @@ def gather(root: Path, found: Sequence[Result]) -> tuple[list[Run], dict[Path, s
 
 
 def _run_directory(path: Path) -> Path:
-    """``RUN/wandb/offline-run-…/run-….wandb`` belongs to RUN; a wandb folder that was moved elsewhere stands for itself."""
+    """``RUN/wandb/offline-run-…/run-….wandb`` belongs to RUN; a wandb folder that was moved elsewhere stands for
+    itself.
+    """
     holder = path.parent.parent
     return holder.parent if holder.name == "wandb" else path.parent
 
@@ -145,20 +160,27 @@ def _run(root: Path, directory: Path, logs: list[Logged], result: Result | None)
         # A resumed run's later part replaces what came after the checkpoint.
         run.columns = _joined(run.columns, logged.columns)
         begun = logged.columns.get("frames", np.array([0.0]))[:1]
-        run.pictures = {step: p for step, p in run.pictures.items() if not len(begun) or step < begun[0]} | logged.pictures
+        run.pictures = {
+            step: p for step, p in run.pictures.items() if not len(begun) or step < begun[0]
+        } | logged.pictures
         run.environment |= logged.environment
         run.settings = results.flat({name: value for name, value in logged.config.items() if not name.startswith("_")})
     run.ended = not logs or logs[-1].exit_code is not None
     stored = results.settings_of(directory)
     # wandb has the values that the stored settings only point to.
-    run.settings = {name: run.settings.get(name, value) if "${" in str(value) else value for name, value in stored.items()} or run.settings
+    run.settings = {
+        name: run.settings.get(name, value) if "${" in str(value) else value for name, value in stored.items()
+    } or run.settings
     run.trouble = "; ".join(f"{logged.path.name}: {logged.trouble}" for logged in logs if logged.trouble)
-    # wandb writes in larger pieces than we do: a file that breaks off, or cannot be read to its end, lacks the last rows.
+    # wandb writes in larger pieces than we do: a file that breaks off, or cannot be read to its end, lacks the last
+    # rows.
     beside = _metrics(directory / "metrics.csv")
     if len(beside.get("frames", ())) > len(run.columns.get("frames", ())):
         run.columns = beside
     if not run.pictures:
-        run.pictures = {int(p.stem[5:]): p for p in sorted(directory.glob("figures/qmaps*.png")) if p.stem[5:].isdigit()}
+        run.pictures = {
+            int(p.stem[5:]): p for p in sorted(directory.glob("figures/qmaps*.png")) if p.stem[5:].isdigit()
+        }
     overrides = results.stored(directory, "overrides")
     run.overrides = [str(entry) for entry in overrides] if isinstance(overrides, list) else []
     run.running = not run.finished and locks.held(directory)

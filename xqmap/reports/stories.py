@@ -1,4 +1,6 @@
-"""What is looked at and read: Q-Maps over training, and one decision with its reasons and the questions it was asked."""
+"""What is looked at and read: Q-Maps over training, and one decision with its reasons and the questions it was
+asked.
+"""
 
 from __future__ import annotations
 
@@ -29,8 +31,13 @@ def film_strip(groups: dict[str, list[Run]]) -> list[str]:
         steps = sorted(run.pictures)
         chosen = sorted({steps[round(i * (len(steps) - 1) / max(1, FRAMES - 1))] for i in range(FRAMES)})
         maps = run.settings.get("method.components")
-        shown = f": the scene, and over it the Q-Maps of {', '.join(map(str, maps)) if isinstance(maps, list) else label}"
-        frames = [markup.picture(run.pictures[step], said := f"After {step:,} decisions", WIDTH, said + shown) for step in chosen]
+        shown = (
+            f": the scene, and over it the Q-Maps of {', '.join(map(str, maps)) if isinstance(maps, list) else label}"
+        )
+        frames = [
+            markup.picture(run.pictures[step], said := f"After {step:,} decisions", WIDTH, said + shown)
+            for step in chosen
+        ]
         strips[run.method] = f'<h4>{escape(label)}, {escape(run.name)}</h4><div class="film">{"".join(frames)}</div>'
     return ["<h3>Q-Maps over training</h3>", *strips.values()] if strips else []
 
@@ -44,7 +51,9 @@ def decision(runs: Sequence[Run]) -> list[str]:
 
 
 def best_told(runs: Sequence[Run]) -> tuple[Decision, Path, Run] | None:
-    """A decision that was explained, its folder and run: of most components, talked about if any was, with much to contrast."""
+    """A decision that was explained, its folder and run: of most components, talked about if any was, with much to
+    contrast.
+    """
     found: list[tuple[tuple[int, bool, int], Decision, Path, Run]] = []
     for run in runs:
         for path in sorted(run.directory.glob("figures/**/decision.json")):
@@ -52,7 +61,10 @@ def best_told(runs: Sequence[Run]) -> tuple[Decision, Path, Run] | None:
                 read = Decision.load(path)
             except UserError:
                 continue
-            talked, things = (path.parent / "dialogue.json").exists(), {candidate.object for candidate in read.candidates}
+            talked, things = (
+                (path.parent / "dialogue.json").exists(),
+                {candidate.object for candidate in read.candidates},
+            )
             found.append(((-len(read.components), not talked, -len(things)), read, path.parent, run))
     return min(found, key=lambda entry: entry[0])[1:] if found else None
 
@@ -60,18 +72,37 @@ def best_told(runs: Sequence[Run]) -> tuple[Decision, Path, Run] | None:
 def _explained(chosen: Decision, folder: Path, run: Run) -> list[str]:
     said = chosen.sentences()
     scene = "" if chosen.scene_seed is None else f", scene {chosen.scene_seed}"
-    parts = [f"<h3>A decision explained</h3><p class=soft>{escape(run.name)}{scene}.</p><blockquote>{escape(said['shallow'])}</blockquote>"]
+    parts = [
+        f"<h3>A decision explained</h3><p "
+        f"class=soft>{escape(run.name)}{scene}.</p><blockquote>{escape(said['shallow'])}</blockquote>"
+    ]
     if (folder / "qmaps.png").exists():
         marks = "; ".join(f"{c.label}: {c.object}" for c in chosen.candidates)
         caption = f"The scene and the Q-Maps over it. ★ selected; letters are best for one component alone. {marks}."
         parts.append(markup.picture(folder / "qmaps.png", caption, 2 * WIDTH))
-    caption = "Component values of each candidate, and differences (RDX) of each pair; the tables hold the same numbers."
+    caption = (
+        "Component values of each candidate, and differences (RDX) of each pair; the tables hold the same numbers."
+    )
     parts.append(markup.figure(plots.bars(chosen), caption))
-    lines = [[c.label, c.object, *(number(c.values[n]) for n in chosen.components), number(c.overall)] for c in chosen.candidates]
-    parts.append(markup.table(("candidate", "object", *chosen.components, "sum"), lines, "Values of the candidates", text_columns=2))
+    lines = [
+        [c.label, c.object, *(number(c.values[n]) for n in chosen.components), number(c.overall)]
+        for c in chosen.candidates
+    ]
+    parts.append(
+        markup.table(
+            ("candidate", "object", *chosen.components, "sum"), lines, "Values of the candidates", text_columns=2
+        )
+    )
     deltas = {pair: chosen.rdx(*pair) for pair in chosen.pairs}
-    lines = [[f"{a} – {b}", *(signed(d[n]) for n in chosen.components), signed(sum(d.values()))] for (a, b), d in deltas.items()]
-    parts.append(markup.table(("pair", *chosen.components, "gap"), lines, "Differences; above zero speaks for the first of the pair"))
+    lines = [
+        [f"{a} – {b}", *(signed(d[n]) for n in chosen.components), signed(sum(d.values()))]
+        for (a, b), d in deltas.items()
+    ]
+    parts.append(
+        markup.table(
+            ("pair", *chosen.components, "gap"), lines, "Differences; above zero speaks for the first of the pair"
+        )
+    )
     parts += [f"<p>{escape(sentence)}</p>" for sentence in (*said["contrastive"], said["robustness"])]
     if dialogue := asked(chosen, folder):
         parts.append("<h4>Asked</h4>")

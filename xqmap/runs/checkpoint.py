@@ -1,6 +1,8 @@
-"""What a run leaves to be loaded: weights to hand out, and everything needed to go on. Safetensors only: loading runs no code.
+"""What a run leaves to be loaded: weights to hand out, and everything needed to go on. Safetensors only: loading runs
+no code.
 
-A file is written beside its place and moved there when complete, so a reader finds the old one or the new one, never half of one.
+A file is written beside its place and moved there when complete, so a reader finds the old one or the new one, never
+half of one.
 """
 
 from __future__ import annotations
@@ -29,7 +31,8 @@ from xqmap.config import schema
 from xqmap.errors import UserError
 from xqmap.models.policy import GreedyPolicy
 
-# The newest policy, the one that chose best among the last training decisions, and what it takes to go on from a decision.
+# The newest policy, the one that chose best among the last training decisions, and what it takes to go on from a
+# decision.
 POLICY = Path("checkpoint/policy.safetensors")
 BEST = Path("checkpoint/best.safetensors")
 TRAINING = "checkpoint/training-{:06d}.safetensors"
@@ -37,12 +40,25 @@ TRAINING = "checkpoint/training-{:06d}.safetensors"
 PRETRAINED = Path(__file__).parents[1] / "pretrained"
 _FORMAT = 2
 # What a checkpoint of a training tells besides what a policy's does.
-_TO_GO_ON = ("frames", "updates", "scene", "unfinished", "explored", "cursor", "target_age", "next_picture", "best", "noise", "wandb_id")
+_TO_GO_ON = (
+    "frames",
+    "updates",
+    "scene",
+    "unfinished",
+    "explored",
+    "cursor",
+    "target_age",
+    "next_picture",
+    "best",
+    "noise",
+    "wandb_id",
+)
 _LIBRARIES = ("torch", "torchrl", "tensordict", "mani-skill", "sapien", "hydra-core", "wandb", "numpy")
 
 
 def locate(run: str | Path) -> Path:
-    """The directory of a run; ``pretrained/<task>`` is one that ships with the package, unless there is such a directory here.
+    """The directory of a run; ``pretrained/<task>`` is one that ships with the package, unless there is such a
+    directory here.
 
     Raises:
         UserError: if no agent of that name ships.
@@ -52,7 +68,10 @@ def locate(run: str | Path) -> Path:
         return path
     shipped = sorted(entry.parent.parent.name for entry in PRETRAINED.glob(f"*/{POLICY}"))
     if path.name not in shipped:
-        raise UserError(f"run={path}: no such agent ships with xqmap; {', '.join(shipped) or 'none'} do, make pretrained trains them")
+        raise UserError(
+            f"run={path}: no such agent ships with xqmap; {', '.join(shipped) or 'none'} do, make pretrained trains "
+            "them"
+        )
     return PRETRAINED / path.name
 
 
@@ -138,11 +157,15 @@ def read(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
                 fix = "update xqmap" if int(stored) > _FORMAT else "train again"
                 raise UserError(f"{path} has format {stored}, this version of xqmap reads {_FORMAT}: {fix}")
             if _sha256(metadata["xqmap"]) != metadata.get("sha256"):
-                raise UserError(f"{path} is damaged (the checksum of its settings does not match): train again or use another run")
+                raise UserError(
+                    f"{path} is damaged (the checksum of its settings does not match): train again or use another run"
+                )
             facts = json.loads(metadata["xqmap"])
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (not a dictionary)
     except FileNotFoundError:
-        raise UserError(f"there is no {path}: give the directory of a run that got as far as its first checkpoint") from None
+        raise UserError(
+            f"there is no {path}: give the directory of a run that got as far as its first checkpoint"
+        ) from None
     except (SafetensorError, ValueError, RecursionError, OSError) as error:
         raise UserError(f"{path} is damaged ({str(error)[:200]}): train again or use another run") from None
     if not isinstance(facts, dict) or weights_sha256(tensors) != facts.get("sha256"):
@@ -156,8 +179,13 @@ def _sha256(text: str) -> str:
 
 def trainings(directory: Path) -> list[Path]:
     """The checkpoints a run can go on from, newest first."""
-    found = {path: re.fullmatch(r"training-(\d+)\.safetensors", path.name) for path in (directory / TRAINING).parent.glob("training-*")}
-    return sorted((path for path, match in found.items() if match), key=lambda path: int(path.stem.split("-")[1]), reverse=True)
+    found = {
+        path: re.fullmatch(r"training-(\d+)\.safetensors", path.name)
+        for path in (directory / TRAINING).parent.glob("training-*")
+    }
+    return sorted(
+        (path for path, match in found.items() if match), key=lambda path: int(path.stem.split("-")[1]), reverse=True
+    )
 
 
 def read_training(place: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
@@ -168,11 +196,16 @@ def read_training(place: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
     """
     kept = [place] if place.suffix == ".safetensors" else trainings(place)
     if not kept:
-        raise UserError(f"there is no checkpoint in {place} to go on from: give the directory of a run that got as far as its first one")
+        raise UserError(
+            f"there is no checkpoint in {place} to go on from: give the directory of a run that got as far as its "
+            "first one"
+        )
     try:
         found = read(kept[0])
         if missing := [name for name in _TO_GO_ON if name not in found[1]]:
-            raise UserError(f"{kept[0]} holds no training to go on from (no {missing[0]}): give resume=DIR, a run directory")
+            raise UserError(
+                f"{kept[0]} holds no training to go on from (no {missing[0]}): give resume=DIR, a run directory"
+            )
         return found
     except UserError as error:
         if len(kept) == 1:
@@ -181,7 +214,9 @@ def read_training(place: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
 
 
 def prune(directory: Path, frames: int, keep: int) -> None:
-    """Removes all but the last ``keep`` checkpoints up to the one of ``frames``; later ones are of a future that was given up."""
+    """Removes all but the last ``keep`` checkpoints up to the one of ``frames``; later ones are of a future that was
+    given up.
+    """
     for path in trainings(directory):
         if int(path.stem.split("-")[1]) > frames:
             path.unlink()
@@ -190,8 +225,8 @@ def prune(directory: Path, frames: int, keep: int) -> None:
 
 
 def home(place: str | Path) -> Path:
-    """Where what is made from a run belongs: its directory, the folder of the same name beside a single policy file, or, of an agent that
-    ships with the package, the current directory.
+    """Where what is made from a run belongs: its directory, the folder of the same name beside a single policy file,
+    or, of an agent that ships with the package, the current directory.
     """
     place = locate(place)
     if place.resolve().is_relative_to(PRETRAINED):
@@ -201,7 +236,9 @@ def home(place: str | Path) -> Path:
 
 @dataclass
 class Run:
-    """A training: its settings, its policy, its values' typical error by component, where it lies, and the decisions learned from."""
+    """A training: its settings, its policy, its values' typical error by component, where it lies, and the decisions
+    learned from.
+    """
 
     directory: Path
     cfg: DictConfig
@@ -212,7 +249,8 @@ class Run:
 
 
 def load_run(place: str | Path) -> Run:
-    """The policy of a run directory, or of one policy file. Its settings come from the file's own metadata; nothing in it is executed.
+    """The policy of a run directory, or of one policy file. Its settings come from the file's own metadata; nothing in
+    it is executed.
 
     Raises:
         UserError: if there is no readable policy.
@@ -226,7 +264,10 @@ def load_run(place: str | Path) -> Run:
     misfit = f"{file} does not fit its own settings"
     try:
         decisions = int(facts["frames"])
-        pixel_size, noise = float(facts["pixel_size"]), {str(name): float(value) for name, value in facts["noise"].items()}
+        pixel_size, noise = (
+            float(facts["pixel_size"]),
+            {str(name): float(value) for name, value in facts["noise"].items()},
+        )
     except (KeyError, TypeError, ValueError, OverflowError, AttributeError) as error:
         raise UserError(f"{misfit} ({error}): train again") from None
     if not (math.isfinite(pixel_size) and pixel_size > 0 and all(map(math.isfinite, noise.values()))):

@@ -11,18 +11,21 @@ import torch
 from omegaconf import DictConfig, OmegaConf
 from torchrl.envs.utils import step_mdp
 
-from xqmap.config import build
-from xqmap.runs import checkpoint
-from xqmap.evaluation import play
 from xqmap import doctor, keys
-from xqmap.runs.checkpoint import Run, load_run
+from xqmap.config import build
 from xqmap.envs.maniskill import ManiSkillEnv
-from xqmap.evaluation import calibration
+from xqmap.evaluation import calibration, play
 from xqmap.explanations import Decision
+from xqmap.runs import checkpoint
+from xqmap.runs.checkpoint import Run, load_run
 
 
 def evaluate_run(
-    run: Path | Run, settings: DictConfig, out: Path, sheet: str | None = None, baselines: tuple[str, dict[str, Any]] | None = None
+    run: Path | Run,
+    settings: DictConfig,
+    out: Path,
+    sheet: str | None = None,
+    baselines: tuple[str, dict[str, Any]] | None = None,
 ) -> dict[str, Any]:
     """Plays a saved policy, prints the table, writes ``play.json``.
 
@@ -31,7 +34,8 @@ def evaluate_run(
         settings: ``seeds``, ``choices``, ``until``, ``baselines``, ``calibration``.
         out: the file to write.
         sheet: the name of what ``run.cfg`` and ``settings`` were changed by; None for a run as it was trained.
-        baselines: what they made of the same scenes before, and the file that tells it; None plays them where ``settings`` asks for them.
+        baselines: what they made of the same scenes before, and the file that tells it; None plays them where
+            ``settings`` asks for them.
 
     Returns:
         What was written.
@@ -72,7 +76,9 @@ def evaluate_run(
 
 
 def machine(run: Run, env: ManiSkillEnv) -> dict[str, Any]:
-    """What the same seed gives the same numbers on: threads, device and arithmetic, and what simulates and draws the world."""
+    """What the same seed gives the same numbers on: threads, device and arithmetic, and what simulates and draws the
+    world.
+    """
     cfg = run.cfg
     computing = {"threads": torch.get_num_threads(), "processors": os.cpu_count(), "device": build.device(cfg).type}
     return {**computing, "training_precision": "bf16" if build.bf16(cfg) else "fp32", **env.task.backends}
@@ -89,7 +95,9 @@ def evaluation_file(directory: Path, sheet: str | None = None) -> Path:
     return directory / (f"evaluation-{sheet}.json" if sheet else "evaluation.json")
 
 
-def decide(run: Run, scene_seed: int, steps: int | None, perception: DictConfig, level: str = "pixel") -> list[Decision]:
+def decide(
+    run: Run, scene_seed: int, steps: int | None, perception: DictConfig, level: str = "pixel"
+) -> list[Decision]:
     """The policy's successive decisions in one scene.
 
     Args:

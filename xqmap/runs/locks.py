@@ -23,7 +23,9 @@ def alone(directory: Path) -> Iterator[None]:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise UserError(f"{directory} is being written by another process: wait for it, or choose another directory") from None
+            raise UserError(
+                f"{directory} is being written by another process: wait for it, or choose another directory"
+            ) from None
         except OSError:
             pass  # a file system without locks
         yield

@@ -38,7 +38,9 @@ class Log:
         wandb_id: of the run to go on with; None for a new one.
     """
 
-    def __init__(self, directory: Path, cfg: DictConfig, columns: list[str], after: int = 0, wandb_id: str | None = None) -> None:
+    def __init__(
+        self, directory: Path, cfg: DictConfig, columns: list[str], after: int = 0, wandb_id: str | None = None
+    ) -> None:
         self.columns = columns
         path = directory / "metrics.csv"
         kept = io.StringIO(newline="")
@@ -100,7 +102,9 @@ class Log:
         except Exception as error:
             self._wandb = None
             _forget_wandb()
-            _logger.warning("wandb failed (%s: %s); training goes on, metrics.csv has every row", type(error).__name__, brief(error))
+            _logger.warning(
+                "wandb failed (%s: %s); training goes on, metrics.csv has every row", type(error).__name__, brief(error)
+            )
 
 
 def _forget_wandb() -> None:
@@ -113,7 +117,8 @@ def _forget_wandb() -> None:
 
 
 def log_page(page: Path, directory: Path, source: str, settings: DictConfig) -> Path:
-    """Keeps an HTML page as a wandb run of its own under ``directory``; returns the run's folder, which ``wandb sync`` sends.
+    """Keeps an HTML page as a wandb run of its own under ``directory``; returns the run's folder, which ``wandb sync``
+    sends.
 
     Args:
         page: the file.
@@ -176,7 +181,9 @@ class Tracker:
         window: decisions that ``success`` looks back on.
     """
 
-    def __init__(self, components: Iterable[str], values: Iterable[str], reward_key: str, gamma: float, window: int = 100) -> None:
+    def __init__(
+        self, components: Iterable[str], values: Iterable[str], reward_key: str, gamma: float, window: int = 100
+    ) -> None:
         self.components, self.values, self.reward_key, self.gamma = tuple(components), tuple(values), reward_key, gamma
         self.correct: deque[float] = deque(maxlen=window)
         self._episode: list[TensorDictBase] = []
@@ -187,13 +194,19 @@ class Tracker:
         return sum(self.correct) / len(self.correct) if self.correct else float("nan")
 
     def add(self, batch: TensorDictBase) -> dict[str, float]:
-        """Takes ``[T]`` successive decisions; returns the metrics of the episodes that ended with them (NaN where none did)."""
+        """Takes ``[T]`` successive decisions; returns the metrics of the episodes that ended with them (NaN where none
+        did).
+        """
         returns: list[Tensor] = []
         bias: list[Tensor] = []
         for decision in batch.unbind(0):
             gap = float(decision["next", keys.REWARD_AVAILABLE] - decision["next", keys.REWARD])
             self.correct.append(float(gap < SAME_REWARD))
-            self._episode.append(decision.select(keys.CHOSEN_COMPONENT_VALUE, ("next", self.reward_key), ("next", keys.REWARD_COMPONENTS)))
+            self._episode.append(
+                decision.select(
+                    keys.CHOSEN_COMPONENT_VALUE, ("next", self.reward_key), ("next", keys.REWARD_COMPONENTS)
+                )
+            )
             if bool(decision["next", keys.DONE]):
                 returns.append(sum(step["next", keys.REWARD_COMPONENTS] for step in self._episode))
                 to_go = torch.zeros(len(self.values))

@@ -1,4 +1,6 @@
-"""Every random number generator a run draws from, as named tensors, so that a run that goes on draws what it would have drawn."""
+"""Every random number generator a run draws from, as named tensors, so that a run that goes on draws what it would have
+drawn.
+"""
 
 from __future__ import annotations
 

@@ -43,7 +43,9 @@ class Trainer:
         saved: tensors and facts of the checkpoint to go on from (``checkpoint.read_training``); None begins.
     """
 
-    def __init__(self, cfg: DictConfig, directory: Path, saved: tuple[dict[str, Tensor], dict[str, Any]] | None = None) -> None:
+    def __init__(
+        self, cfg: DictConfig, directory: Path, saved: tuple[dict[str, Tensor], dict[str, Any]] | None = None
+    ) -> None:
         self.cfg, self.directory = cfg, directory
         torch.manual_seed(cfg.seed)
         self.device = build.device(cfg)
@@ -73,7 +75,9 @@ class Trainer:
                 self._restore(*saved)
             except (KeyError, ValueError, TypeError, RuntimeError, AttributeError, IndexError) as error:
                 self.env.close()
-                raise UserError(f"the checkpoint in {directory} does not fit its own settings ({str(error)[:200]})") from None
+                raise UserError(
+                    f"the checkpoint in {directory} does not fit its own settings ({str(error)[:200]})"
+                ) from None
         self.autocast = torch.autocast(self.device.type, torch.bfloat16, enabled=build.bf16(cfg))
         self.log = Log(directory, cfg, self._columns(), self.frames, saved[1]["wandb_id"] if saved else None)
 
@@ -96,7 +100,9 @@ class Trainer:
         handlers = {number: signal.signal(number, self._stop) for number in (signal.SIGINT, signal.SIGTERM)}
         start, already = time.perf_counter(), self.frames
         try:
-            with tqdm(total=self.cfg.trainer.frames, initial=already, unit="decision", desc="training", mininterval=1.0) as bar:
+            with tqdm(
+                total=self.cfg.trainer.frames, initial=already, unit="decision", desc="training", mininterval=1.0
+            ) as bar:
                 for batch in collect.batches(collector, self.cfg.collector):
                     row = self._step(batch.reshape(-1))
                     if not alone:
@@ -126,7 +132,10 @@ class Trainer:
     def save(self) -> None:
         """Writes the policy to hand out, keeps the best, and writes everything needed to go on."""
         self.next_checkpoint = self.frames + self.cfg.trainer.checkpoint_period
-        facts: dict[str, Any] = {"config": OmegaConf.to_container(self.cfg, resolve=True), "pixel_size": self.env.grid.pixel_size}
+        facts: dict[str, Any] = {
+            "config": OmegaConf.to_container(self.cfg, resolve=True),
+            "pixel_size": self.env.grid.pixel_size,
+        }
         facts |= {"frames": self.frames, "noise": self.noise, "success": self.tracker.success}
         checkpoint.write(self.directory / checkpoint.POLICY, self.network.state_dict(), facts)
         # By the lower end of the interval, so that four lucky decisions are not the best there were.
@@ -134,7 +143,9 @@ class Trainer:
         if low >= self.best:
             self.best = low
             checkpoint.write(self.directory / checkpoint.BEST, self.network.state_dict(), facts)
-        tensors: dict[str, Tensor] = {f"loss/{name}": value for name, value in self.loss.state_dict().items() if isinstance(value, Tensor)}
+        tensors: dict[str, Tensor] = {
+            f"loss/{name}": value for name, value in self.loss.state_dict().items() if isinstance(value, Tensor)
+        }
         for i, state in self.optimizer.state_dict()["state"].items():
             tensors |= {f"optimizer/{i}/{name}": value for name, value in state.items()}
         parts = {
@@ -195,7 +206,9 @@ class Trainer:
             losses = self.loss(batch)
         total = sum(value for name, value in losses.items() if name.startswith("loss_"))
         if not bool(torch.isfinite(total)):
-            raise UserError(f"the loss became {float(total.detach())} at update {self.updates}: lower trainer.learning_rate")
+            raise UserError(
+                f"the loss became {float(total.detach())} at update {self.updates}: lower trainer.learning_rate"
+            )
         self.optimizer.zero_grad(set_to_none=True)
         total.backward()
         norm = torch.nn.utils.clip_grad_norm_(self.parameters, self.cfg.trainer.max_grad_norm)
@@ -241,7 +254,9 @@ class Trainer:
         cells = np.full(image.shape[-2:], -1)
         scene = Scene([], cells, self.env.task.BACKGROUND, self.env.grid.bounds, image[3].cpu().numpy())
         state = TensorDict({keys.HEIGHTMAP: image, keys.ACTION_MASK: (image != 0).any(0).flatten()})
-        decision = Decision.from_policy(self.greedy, state, scene, task=self.cfg.task.name, components=self.cfg.method.components)
+        decision = Decision.from_policy(
+            self.greedy, state, scene, task=self.cfg.task.name, components=self.cfg.method.components
+        )
         path = self.directory / "figures" / f"qmaps{self.frames:06d}"
         path.parent.mkdir(exist_ok=True)
         self.log.picture("qmaps", plots.save(plots.qmaps(decision), path)[0], self.frames)

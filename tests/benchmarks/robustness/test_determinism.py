@@ -1,4 +1,6 @@
-"""The same seed in two processes: the same weights, the same table (it carries the weights' checksum), the same pictures."""
+"""The same seed in two processes: the same weights, the same table (it carries the weights' checksum), the same
+pictures.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +36,9 @@ def test_two_processes_make_the_same_of_the_same_seed(toy_config: Callable[..., 
     context = multiprocessing.get_context("forkserver")
     directories = [tmp_path / name for name in ("first", "second")]
     for directory in directories:
-        process = context.Process(target=make, args=(OmegaConf.to_container(cfg, resolve=True), str(directory), build.TRUSTED))
+        process = context.Process(
+            target=make, args=(OmegaConf.to_container(cfg, resolve=True), str(directory), build.TRUSTED)
+        )
         process.start()
         process.join()
         assert process.exitcode == 0

@@ -21,7 +21,11 @@ from xqmap.errors import Stopped
 from xqmap.runs import checkpoint
 from xqmap.trainers.trainer import Trainer
 
-pytestmark = [pytest.mark.sim, pytest.mark.usefixtures("trust_toy"), pytest.mark.filterwarnings("ignore::FutureWarning")]
+pytestmark = [
+    pytest.mark.sim,
+    pytest.mark.usefixtures("trust_toy"),
+    pytest.mark.filterwarnings("ignore::FutureWarning"),
+]
 SHORT = ("trainer.frames=27", "trainer.warmup_frames=6", "trainer.checkpoint_period=6", "collector.frames_per_batch=3")
 
 
@@ -34,7 +38,9 @@ def weights(directory: Path) -> str:
     return str(checkpoint.read(directory / checkpoint.POLICY)[1]["sha256"])
 
 
-def test_killed_at_any_moment_a_training_ends_as_if_it_had_not_been(toy_config: Callable[..., DictConfig], tmp_path: Path) -> None:
+def test_killed_at_any_moment_a_training_ends_as_if_it_had_not_been(
+    toy_config: Callable[..., DictConfig], tmp_path: Path
+) -> None:
     sabotages = [(stage, "training") for stage in interruptions.STAGES]
     result = interruptions.interrupt(toy_config(*SHORT), tmp_path, 5, sabotages)
     assert result["injected"] == result["survived"] == 8, result
@@ -44,7 +50,11 @@ def test_killed_at_any_moment_a_training_ends_as_if_it_had_not_been(toy_config: 
 
 @pytest.mark.parametrize("name", faults.FAULTS)
 def test_a_fault_stops_in_one_line_or_not_at_all_and_nothing_is_lost(
-    name: str, toy_config: Callable[..., DictConfig], tmp_path: Path, expected: dict[str, str], monkeypatch: pytest.MonkeyPatch
+    name: str,
+    toy_config: Callable[..., DictConfig],
+    tmp_path: Path,
+    expected: dict[str, str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     cfg, directory, fault = toy_config(*SHORT), tmp_path / "run", faults.FAULTS[name]
     if "collector" in fault.settings:
@@ -87,7 +97,11 @@ def test_a_simulator_that_hangs_in_native_code_is_ended_with_its_process_in_one_
 
 @pytest.mark.parametrize(("number", "status"), [("SIGINT", 130), ("SIGTERM", 143)])
 def test_a_signal_ends_a_training_saved_and_says_how_to_go_on(
-    number: str, status: int, toy_config: Callable[..., DictConfig], run_directory: Path, capsys: pytest.CaptureFixture[str]
+    number: str,
+    status: int,
+    toy_config: Callable[..., DictConfig],
+    run_directory: Path,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     run_directory.mkdir()
     cfg = toy_config(*SHORT)

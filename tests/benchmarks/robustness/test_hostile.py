@@ -29,7 +29,12 @@ ROOT = Path(cli.CONF).parent
 def policy(toy_config: Callable[..., DictConfig], trust_toy: None, tmp_path: Path) -> Path:
     """A run directory with an untrained policy of the toy world."""
     cfg = toy_config("qnet.width=2")
-    facts = {"config": OmegaConf.to_container(cfg, resolve=True), "pixel_size": 0.1, "noise": {"left": 0.1}, "frames": 0}
+    facts = {
+        "config": OmegaConf.to_container(cfg, resolve=True),
+        "pixel_size": 0.1,
+        "noise": {"left": 0.1},
+        "frames": 0,
+    }
     checkpoint.write(tmp_path / "run" / checkpoint.POLICY, build.qmaps(cfg, 0.1).state_dict(), facts)
     return tmp_path / "run"
 
@@ -82,7 +87,9 @@ def test_a_strangers_run_directory_is_safe_to_open(policy: Path, tmp_path: Path)
         ({"noise": {"left": "much"}}, "does not fit"),
     ],
 )
-def test_settings_in_a_file_are_checked_as_those_of_a_person(policy: Path, settings: dict[str, object], named: str) -> None:
+def test_settings_in_a_file_are_checked_as_those_of_a_person(
+    policy: Path, settings: dict[str, object], named: str
+) -> None:
     with pytest.raises(UserError, match=named):
         checkpoint.load_run(changed(policy, **settings))
 
@@ -124,7 +131,9 @@ def test_a_damaged_checkpoint_is_refused_and_the_one_before_it_named(tmp_path: P
         (("method",), "\ud800"),
     ],
 )
-def test_a_strangers_evaluation_is_left_out_of_a_report(place: tuple[str | int, ...], value: object, tmp_path: Path) -> None:
+def test_a_strangers_evaluation_is_left_out_of_a_report(
+    place: tuple[str | int, ...], value: object, tmp_path: Path
+) -> None:
     content = copy.deepcopy(fuzz.EVALUATION)
     part: Any = content
     for name in place[:-1]:
@@ -143,7 +152,9 @@ def test_settings_nested_too_deep_are_none(tmp_path: Path) -> None:
 
 
 def test_a_name_with_dollar_signs_is_no_formula(tmp_path: Path) -> None:
-    content = json.loads(json.dumps(fuzz.DECISION).replace("flatness", "$\\\\foo$").replace("red block", "a $\\\\frac$"))
+    content = json.loads(
+        json.dumps(fuzz.DECISION).replace("flatness", "$\\\\foo$").replace("red block", "a $\\\\frac$")
+    )
     (tmp_path / "decision.json").write_text(json.dumps(content))
     decision = Decision.load(tmp_path / "decision.json")
     assert decision.components[0] == "$\\foo$"
@@ -159,7 +170,9 @@ def test_loading_can_run_no_code() -> None:
             if isinstance(node, ast.Import | ast.ImportFrom):
                 imported = [alias.name for alias in node.names] + [getattr(node, "module", None) or ""]
                 assert not forbidden & {name.split(".")[0] for name in imported}, path
-            plain = isinstance(node, ast.Call) and any(ast.unparse(word) == "allow_pickle=False" for word in node.keywords)
+            plain = isinstance(node, ast.Call) and any(
+                ast.unparse(word) == "allow_pickle=False" for word in node.keywords
+            )
             if isinstance(node, ast.Call) and not plain:
                 assert ast.unparse(node.func) not in calls, f"{path}:{node.lineno}"
 
@@ -189,7 +202,9 @@ def test_any_overrides_are_taken_or_refused_in_one_line() -> None:
     assert count["crashes"] == 0
 
 
-def test_a_crash_is_counted_and_told(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_crash_is_counted_and_told(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(fuzz, "_refused", lambda act: 1 / 0)
     assert fuzz.decisions(tmp_path, 3)["crashes"] == 3
     assert "ZeroDivisionError" in capsys.readouterr().out

@@ -54,7 +54,10 @@ MISTAKES = [
     ("report", ["runs=[a,b]"], "runs"),
     ("explain", ["decision=7"], "7"),
     # a decision that is none
-    *(("explain", [f"decision={name}.json"], name) for name in ("half", "nan", "huge", "number", "deep", "empty", "binary")),
+    *(
+        ("explain", [f"decision={name}.json"], name)
+        for name in ("half", "nan", "huge", "number", "deep", "empty", "binary")
+    ),
     *((command, ["decision=."], ".") for command in ("explain", "chat")),
     # nowhere to write
     ("explain", ["decision=good.json", "out=/proc/nowhere"], "/proc/nowhere"),
@@ -96,7 +99,12 @@ MISTAKES = [
 
 @pytest.mark.parametrize(("command", "arguments", "named"), MISTAKES, ids=lambda value: repr(value)[:60])
 def test_a_mistake_is_one_line(
-    command: str, arguments: list[str], named: str, place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    command: str,
+    arguments: list[str],
+    named: str,
+    place: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     before = {path: path.stat().st_mtime_ns for path in place.rglob("*") if path.is_file()}
     monkeypatch.setattr(sys, "argv", [command, *arguments])
@@ -114,7 +122,8 @@ def test_a_mistake_is_one_line(
 
 
 @pytest.mark.parametrize(
-    ("command", "arguments"), [("train", ["+task=landing", "hydra.run.dir=made"]), ("explain", ["run=pretrained/landing"])]
+    ("command", "arguments"),
+    [("train", ["+task=landing", "hydra.run.dir=made"]), ("explain", ["run=pretrained/landing"])],
 )
 def test_without_a_graphics_driver_the_fix_is_named(
     command: str, arguments: list[str], place: Path, monkeypatch: pytest.MonkeyPatch

@@ -1,4 +1,6 @@
-"""A process left running keeps what it takes, and one that does not is found out; the benchmarks count what they did."""
+"""A process left running keeps what it takes, and one that does not is found out; the benchmarks count what they
+did.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,9 @@ def test_a_world_that_lets_go_of_everything_is_flat(toy_config: Callable[..., Di
     assert all(result[f"{when}leaked_{name}"] == 0 for name in KEPT for when in ("", "reopened_"))
 
 
-def test_a_world_that_keeps_memory_and_files_is_found_out(toy_config: Callable[..., DictConfig], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_world_that_keeps_memory_and_files_is_found_out(
+    toy_config: Callable[..., DictConfig], monkeypatch: pytest.MonkeyPatch
+) -> None:
     kept: list[Any] = []
     step = ToyTask.step
 

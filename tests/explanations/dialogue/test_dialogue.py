@@ -72,7 +72,11 @@ def test_fixed_questions_are_understood_answered_and_grounded(task: str) -> None
         ("Why not the blue flat block?", "contrastive", ["my choice itself"]),
         ("What is A?", "who", ["A marks the ground, the best choice for flatness alone", "1.01 and color 0.02"]),
         ("what does B mean?", "who", ["B marks the red inclined block, the best choice for color alone"]),
-        ("Which one has the highest flatness?", "most", ["In flatness, the ground (A) with 1.01 comes first, before the blue flat block"]),
+        (
+            "Which one has the highest flatness?",
+            "most",
+            ["In flatness, the ground (A) with 1.01 comes first, before the blue flat block"],
+        ),
         (
             "Which blocks are flat?",
             "most",
@@ -85,7 +89,11 @@ def test_fixed_questions_are_understood_answered_and_grounded(task: str) -> None
         ),
         ("What does 0.92 mean?", "number", ["The number 0.92 is the difference in flatness between Selected and B."]),
         ("What are the values of the red block?", "values", ["flatness 0.05 and color 1.03"]),
-        ("What does 0.04 mean?", "number", ["how much flatness would have to count for the red inclined block (B) to be just as good"]),
+        (
+            "What does 0.04 mean?",
+            "number",
+            ["how much flatness would have to count for the red inclined block (B) to be just as good"],
+        ),
         ("What does 1.08 mean?", "number", ["The number 1.08 is the overall value of the red inclined block (B)."]),
         ("Where does 7.77 come from?", "number", ["7.77 is none of the numbers"]),
         ("Was color or flatness more important?", "component", ["Color contributes most", "0.97"]),
@@ -148,7 +156,8 @@ def test_candidates_on_the_chosen_object_are_told_apart_by_their_spots() -> None
         "My choice and candidate (A) are the very same spot, the blue flat block, so there is nothing to contrast."
     )
     assert talk.ask("Why not B?").answer == (
-        "My choice and candidate (B) lie on the same object, the blue flat block; the spot of my choice is worth 0.88 more "
+        "My choice and candidate (B) lie on the same object, the blue flat block; the spot of my choice is worth 0.88 "
+        "more "
         "(flatness +0.92 and color -0.04)."
     )
     assert talk.ask("How sure are you about B?").answer == "Candidate (B) is the blue flat block, my choice itself."
@@ -164,7 +173,10 @@ def test_a_gap_of_few_typical_errors_is_called_narrow() -> None:
 
 def test_questions_about_a_table_of_cubes_and_bowls() -> None:
     talk = dialogue("grasping")
-    assert "shape speaks for it (+0.95), though color speaks against it (-0.19)" in talk.ask("Why not the purple bowl?").answer
+    assert (
+        "shape speaks for it (+0.95), though color speaks against it (-0.19)"
+        in talk.ask("Why not the purple bowl?").answer
+    )
     assert "shape is 0.03 for the purple bowl" in talk.ask("Is it graspable?").answer
     assert "color is 0.61 for the green bowl" in talk.ask("What is the rank of the green bowl?").answer.lower()
     assert "I would choose the purple bowl" in talk.ask("What if only color counted?").answer

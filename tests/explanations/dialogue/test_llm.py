@@ -122,7 +122,9 @@ def test_what_a_model_makes_up_is_flagged_and_cannot_move_the_cursor(server: Ser
     assert "\x1b" not in exchange.answer
 
 
-@pytest.mark.parametrize("behaviour", ["slow", "refuse", "malformed", "empty", "endless", "drip", "never a word", "not a stream"])
+@pytest.mark.parametrize(
+    "behaviour", ["slow", "refuse", "malformed", "empty", "endless", "drip", "never a word", "not a stream"]
+)
 def test_a_failing_model_leaves_the_template_answer_and_the_dialogue_goes_on(server: Server, behaviour: str) -> None:
     server.behaviour = behaviour
     talk = dialogue(model=model(server))

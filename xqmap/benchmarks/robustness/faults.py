@@ -1,4 +1,6 @@
-"""What can break while a training runs, injected on purpose: each must stop it in one line or let it go on, and cost no byte."""
+"""What can break while a training runs, injected on purpose: each must stop it in one line or let it go on, and cost no
+byte.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,8 @@ class Fault(NamedTuple):
 
     Attributes:
         inject: does it to a trainer, at a decision.
-        stops: whether that ends the training (in one line); None where it may as well come to its end before that is noticed.
+        stops: whether that ends the training (in one line); None where it may as well come to its end before that is
+            noticed.
         settings: of the training, where the fault needs others.
         repeats: whether the training, once it has gone on, must end with the weights of one that was left alone.
     """
@@ -127,7 +130,9 @@ def _at_decision(trainer: Trainer, at: int, act: Callable[[], Any]) -> None:
 
 def _kill_worker(trainer: Trainer, at: int) -> None:
     # The others go on meanwhile, this one at the latest at its next decision.
-    _at_decision(trainer, at, lambda: os.kill(next(p.pid for p in multiprocessing.active_children() if p.pid), signal.SIGKILL))
+    _at_decision(
+        trainer, at, lambda: os.kill(next(p.pid for p in multiprocessing.active_children() if p.pid), signal.SIGKILL)
+    )
 
 
 def _kill_wandb(trainer: Trainer, at: int) -> None:
@@ -172,7 +177,9 @@ FAULTS = {
     "worker killed": Fault(_kill_worker, None, {"collector": {"name": "parallel", "workers": 2}}, repeats=False),
     "wandb killed": Fault(_kill_wandb, False, {"logger": {"mode": "offline"}}),
     "disk full": Fault(_after_save(_fill), True),
-    "directory turns read-only": Fault(_after_save(lambda directory: _mount("--bind", directory, directory, read_only=True)), True),
+    "directory turns read-only": Fault(
+        _after_save(lambda directory: _mount("--bind", directory, directory, read_only=True)), True
+    ),
 }
 # These happen on a disk of the run's own, which only root can mount.
 ON_A_DISK = ("disk full", "directory turns read-only")
@@ -215,8 +222,8 @@ def suffer(cfg: DictConfig, directory: Path, fault: Fault) -> tuple[bool, int, s
     """Trains with the fault at half time, and goes on without it where it ended the training.
 
     Returns:
-        Whether training stopped or went on as it should, with all files and every stored transition, and then came to its end; bytes lost;
-        the line that was told.
+        Whether training stopped or went on as it should, with all files and every stored transition, and then came to
+        its end; bytes lost; the line that was told.
     """
     directory.mkdir(parents=True, exist_ok=True)
     cfg = OmegaConf.merge(cfg, fault.settings)  # type: ignore[assignment]

@@ -1,4 +1,6 @@
-"""Nonsense for every door: decision files, run directories, overrides. Each is taken or refused in one line; nothing else may happen."""
+"""Nonsense for every door: decision files, run directories, overrides. Each is taken or refused in one line; nothing
+else may happen.
+"""
 
 from __future__ import annotations
 
@@ -44,14 +46,45 @@ _HOSTILE = (
 )
 # Of a training's settings, with some that are not.
 _KEYS = [
-    *("seed", "~seed", "device", "threads", "resume", "trainer", "trainer.frames", "trainer.precision", "trainer.frams", "loss"),
-    *("loss.gamma", "task", "+task", "task.weights", "task.weights.color", "task.env", "task.env.altitude", "task.components", "method"),
-    *("method.weights", "replay.capacity", "evaluation.seeds", "evaluation.until", "qnet.plane_windows", "collector", "logger.mode"),
+    *(
+        "seed",
+        "~seed",
+        "device",
+        "threads",
+        "resume",
+        "trainer",
+        "trainer.frames",
+        "trainer.precision",
+        "trainer.frams",
+        "loss",
+    ),
+    *(
+        "loss.gamma",
+        "task",
+        "+task",
+        "task.weights",
+        "task.weights.color",
+        "task.env",
+        "task.env.altitude",
+        "task.components",
+        "method",
+    ),
+    *(
+        "method.weights",
+        "replay.capacity",
+        "evaluation.seeds",
+        "evaluation.until",
+        "qnet.plane_windows",
+        "collector",
+        "logger.mode",
+    ),
     *("exploration.eps_init", "hydra.run.dir", "+new"),
 ]
 _text = st.sampled_from(_HOSTILE) | st.text(max_size=20)
 _scalar = st.none() | st.booleans() | st.integers() | st.floats() | _text | st.sampled_from([10**400, -1, 2**63, 1e308])
-_value = st.recursive(_scalar, lambda inner: st.lists(inner, max_size=4) | st.dictionaries(_text, inner, max_size=4), max_leaves=8)
+_value = st.recursive(
+    _scalar, lambda inner: st.lists(inner, max_size=4) | st.dictionaries(_text, inner, max_size=4), max_leaves=8
+)
 
 DECISION: dict[str, Any] = {
     "task": "landing",
@@ -66,10 +99,18 @@ DECISION: dict[str, Any] = {
             "position": [0.0, 1.0, 2.0],
             "values": {"flatness": 1, "color": 0.9},
         },
-        {"label": "A", "object": "ground", "pixel": [7, 4], "object_index": None, "values": {"flatness": 1.1, "color": 0}},
+        {
+            "label": "A",
+            "object": "ground",
+            "pixel": [7, 4],
+            "object_index": None,
+            "values": {"flatness": 1.1, "color": 0},
+        },
         {"label": "B", "object": "red block", "values": {"flatness": 0.1, "color": 1.0}},
     ],
-    "objects": [{"object": "blue flat block", "object_index": 0, "pixel": [3, 4], "values": {"flatness": 1, "color": 0.9}}],
+    "objects": [
+        {"object": "blue flat block", "object_index": 0, "pixel": [3, 4], "values": {"flatness": 1, "color": 0.9}}
+    ],
     "noise": {"flatness": 0.1, "color": 0.1},
 }
 EVALUATION: dict[str, Any] = {
@@ -86,7 +127,12 @@ EVALUATION: dict[str, Any] = {
     "versions": {"torch": "2.13.0"},
     "weights_sha256": "0" * 64,
 }
-_SETTINGS: dict[str, Any] = {"task": {"name": "landing"}, "method": {"name": "xqmap"}, "seed": 0, "trainer": {"frames": 4}}
+_SETTINGS: dict[str, Any] = {
+    "task": {"name": "landing"},
+    "method": {"name": "xqmap"},
+    "seed": 0,
+    "trainer": {"frames": 4},
+}
 _METRICS = b"frames,seconds,success,reward,loss/color\n2,0.5,0.5,1.0,\n4,1.0,1.0,2.0,0.1\n"
 _ASKED = ("why?", "why not A?", "why not the red block?", "what if color counted half?", "how sure are you?")
 # One accepted file in so many is drawn, too, which takes as long as reading hundreds.
@@ -140,7 +186,13 @@ def _run(strategy: st.SearchStrategy[Any], check: Callable[[Any], bool], cases: 
     with tqdm(total=cases, unit="case", desc=name, mininterval=1.0) as bar:
 
         @seed(0)
-        @settings(max_examples=cases, deadline=None, database=None, suppress_health_check=list(HealthCheck), phases=[Phase.generate])
+        @settings(
+            max_examples=cases,
+            deadline=None,
+            database=None,
+            suppress_health_check=list(HealthCheck),
+            phases=[Phase.generate],
+        )
         @given(strategy)
         def each(case: Any) -> None:
             count["cases"] += 1
@@ -160,7 +212,9 @@ def _bytes(content: st.SearchStrategy[Any]) -> st.SearchStrategy[bytes]:
 
 
 def decisions(folder: Path, cases: int) -> dict[str, int]:
-    """Decision files: a good one changed, any JSON, any bytes. One that is taken must be explained, answer questions and be JSON again."""
+    """Decision files: a good one changed, any JSON, any bytes. One that is taken must be explained, answer questions
+    and be JSON again.
+    """
     path, taken = folder / "decision.json", 0
 
     def explained() -> None:
@@ -184,7 +238,9 @@ def decisions(folder: Path, cases: int) -> dict[str, int]:
 
 
 def run_directories(file: Path, folder: Path, cases: int) -> dict[str, int]:
-    """Run directories around a good policy ``file``: its facts changed and signed again, its bytes changed, tensors renamed."""
+    """Run directories around a good policy ``file``: its facts changed and signed again, its bytes changed, tensors
+    renamed.
+    """
     tensors, facts = checkpoint.read(file)
     whole = file.read_bytes()
     target = folder / checkpoint.POLICY
@@ -203,7 +259,9 @@ def run_directories(file: Path, folder: Path, cases: int) -> dict[str, int]:
 
 
 def reports(folder: Path, cases: int) -> dict[str, int]:
-    """Directories that a report reads: an evaluation, stored settings and metrics, of which one is changed or is any bytes."""
+    """Directories that a report reads: an evaluation, stored settings and metrics, of which one is changed or is any
+    bytes.
+    """
     run, made = folder / "reported", 0
     whole = {
         run / "evaluation.json": (EVALUATION, json.dumps(EVALUATION).encode()),
@@ -251,7 +309,9 @@ def overrides(cases: int) -> dict[str, int]:
     names = st.sampled_from(_KEYS)
     # json.dumps refuses nothing that Python holds, so these are also Hydra's lists and dictionaries.
     value = _text | _value.map(lambda content: json.dumps(content)[:200])
-    strategy = st.lists(st.tuples(names, st.sampled_from(["=", "", "=="]), value).map("".join) | _text, min_size=1, max_size=3)
+    strategy = st.lists(
+        st.tuples(names, st.sampled_from(["=", "", "=="]), value).map("".join) | _text, min_size=1, max_size=3
+    )
     schema.register()
 
     def check(arguments: list[str]) -> bool:

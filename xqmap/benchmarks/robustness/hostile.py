@@ -55,7 +55,9 @@ def settings(marker: Path) -> Iterator[dict[str, Any]]:
 
 
 def refused_settings(folder: Path) -> tuple[int, int]:
-    """How many hostile settings there are, and how many are refused as a task and as a perception without having run."""
+    """How many hostile settings there are, and how many are refused as a task and as a perception without having
+    run.
+    """
     marker = folder / "was_run"
     tried = refused = 0
     for content in settings(marker):

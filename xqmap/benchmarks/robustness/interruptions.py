@@ -1,4 +1,6 @@
-"""Trainings that are killed and go on: in a process of their own, at random moments and while a checkpoint is being written."""
+"""Trainings that are killed and go on: in a process of their own, at random moments and while a checkpoint is being
+written.
+"""
 
 from __future__ import annotations
 
@@ -20,14 +22,17 @@ from tqdm import tqdm
 from xqmap.config import build, schema
 from xqmap.runs import checkpoint
 
-# Where in the writing of a file the process dies: half of it is there, all of it under its working name, all of it in its place.
+# Where in the writing of a file the process dies: half of it is there, all of it under its working name, all of it in
+# its place.
 STAGES = ("half", "whole", "moved")
 # A checkpoint's files, in the order they are written.
 FILES = ("policy", "best", "training")
 SABOTAGES = tuple((stage, file) for stage in STAGES for file in FILES)
 
 
-def attempt(settings: dict[str, Any], directory: str, trusted: tuple[str, ...], sabotage: tuple[str, str] | None = None) -> None:
+def attempt(
+    settings: dict[str, Any], directory: str, trusted: tuple[str, ...], sabotage: tuple[str, str] | None = None
+) -> None:
     """Trains in ``directory``, or goes on there, to the end, in this process.
 
     Args:
@@ -110,7 +115,9 @@ def _rows(directory: Path) -> int:
 
 
 def kill_at_random(cfg: DictConfig, directory: Path, rng: random.Random, seconds: float) -> bool:
-    """Lets a training go on until it has made its next decisions, and kills it up to ``seconds`` later; False if it ended before."""
+    """Lets a training go on until it has made its next decisions, and kills it up to ``seconds`` later; False if it
+    ended before.
+    """
     with training(cfg, directory) as process:
         before = _rows(directory)
         while process.is_alive() and _rows(directory) <= max(1, before):
@@ -130,7 +137,9 @@ def unharmed(directory: Path) -> int:
     return lost
 
 
-def interrupt(cfg: DictConfig, folder: Path, kills: int, sabotages: Sequence[tuple[str, str]] = SABOTAGES, seed: int = 0) -> dict[str, Any]:
+def interrupt(
+    cfg: DictConfig, folder: Path, kills: int, sabotages: Sequence[tuple[str, str]] = SABOTAGES, seed: int = 0
+) -> dict[str, Any]:
     """Kills trainings at random moments and while they write, and compares how they end.
 
     Args:
@@ -141,8 +150,8 @@ def interrupt(cfg: DictConfig, folder: Path, kills: int, sabotages: Sequence[tup
         seed: of the moments.
 
     Returns:
-        ``injected``; ``survived``: no file was harmed and the weights at the end are those of a run left alone; ``bytes_lost`` in harmed
-        files; how many ``runs`` there were and how many ``ended_alike``.
+        ``injected``; ``survived``: no file was harmed and the weights at the end are those of a run left alone;
+        ``bytes_lost`` in harmed files; how many ``runs`` there were and how many ``ended_alike``.
     """
     rng = random.Random(seed)
     expected, seconds = finish(cfg, folder / "alone")

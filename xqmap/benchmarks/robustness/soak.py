@@ -37,7 +37,9 @@ def resident() -> int:
 
 
 def held() -> dict[str, int]:
-    """What this process holds: resident bytes, open files, those among them that are a graphics device, threads, child processes."""
+    """What this process holds: resident bytes, open files, those among them that are a graphics device, threads, child
+    processes.
+    """
     gc.collect()
     files = [os.readlink(file) for file in Path("/proc/self/fd").iterdir() if file.is_symlink()]
     return {
@@ -57,8 +59,8 @@ def _leaked(before: dict[str, int], after: dict[str, int]) -> dict[str, int]:
 def soak(cfg: DictConfig, see: DictConfig, rounds: int) -> dict[str, Any]:
     """Decisions of an untrained policy with exploration in one world, then ten worlds opened and closed.
 
-    Memory moves up and down by what is not yet collected: its ``growth`` is from the median of the third tenth of the decisions to that of
-    the last.
+    Memory moves up and down by what is not yet collected: its ``growth`` is from the median of the third tenth of the
+    decisions to that of the last.
     """
     torch.manual_seed(0)
     env = build.make_env(cfg, first_scene=play.training_scenes(cfg.seed))()

@@ -19,7 +19,14 @@ from xqmap.runs import checkpoint
 
 # A training that is short, but has several checkpoints, updates and pictures.
 _SHORT = {
-    "trainer": {"frames": 24, "warmup_frames": 8, "batch_size": 4, "updates_per_frame": 0.5, "checkpoint_period": 4, "picture_period": 100},
+    "trainer": {
+        "frames": 24,
+        "warmup_frames": 8,
+        "batch_size": 4,
+        "updates_per_frame": 0.5,
+        "checkpoint_period": 4,
+        "picture_period": 100,
+    },
     "qnet": {"width": 4, "depth": 1},
     "logger": {"mode": "disabled"},
 }
@@ -38,7 +45,9 @@ def _folder() -> Iterator[Path]:
 
 
 def injected(cfg: DictConfig, see: DictConfig, rounds: int) -> dict[str, Any]:
-    """Kills a training ``rounds`` times and while it writes, breaks its world, log and disk, and hands it damaged and hostile files."""
+    """Kills a training ``rounds`` times and while it writes, breaks its world, log and disk, and hands it damaged and
+    hostile files.
+    """
     cfg = _short(cfg)
     with _folder() as folder:
         kills = interruptions.interrupt(cfg, folder, rounds)
@@ -62,7 +71,13 @@ def injected(cfg: DictConfig, see: DictConfig, rounds: int) -> dict[str, Any]:
         newest = checkpoint.trainings(folder / "alone")[0]
         for name, (given, refused) in {
             "files": tuple(
-                map(sum, zip(*(hostile.refused_files(p, 250) for p in (newest, folder / "alone" / checkpoint.POLICY)), strict=True))
+                map(
+                    sum,
+                    zip(
+                        *(hostile.refused_files(p, 250) for p in (newest, folder / "alone" / checkpoint.POLICY)),
+                        strict=True,
+                    ),
+                )
             ),
             "settings": hostile.refused_settings(folder),
         }.items():
@@ -76,7 +91,9 @@ def _nothing() -> Iterator[None]:
 
 
 def fuzzed(cfg: DictConfig, see: DictConfig, rounds: int) -> dict[str, Any]:
-    """``rounds`` cases: of ten, five are decision files, two run directories, one what a report reads, two sets of overrides."""
+    """``rounds`` cases: of ten, five are decision files, two run directories, one what a report reads, two sets of
+    overrides.
+    """
     try:
         from xqmap.benchmarks.robustness import fuzz
     except ImportError:

@@ -1,4 +1,6 @@
-"""Answers from the numbers alone: no network, no key. The wording is the task's (``answers`` in ``conf/explain/wording``)."""
+"""Answers from the numbers alone: no network, no key. The wording is the task's (``answers`` in
+``conf/explain/wording``).
+"""
 
 from __future__ import annotations
 
@@ -47,7 +49,9 @@ def _contrastive(question: Question, decision: Decision, words: Mapping[str, Any
     if not question.about:
         return words["answers"]["alone"], []
     if question.about == [decision.selected]:
-        same = words["answers"]["same_place"].format(this=words["answers"]["this"], object=the(decision.selected.object))
+        same = words["answers"]["same_place"].format(
+            this=words["answers"]["this"], object=the(decision.selected.object)
+        )
         return f"{same} {sentences.shallow(decision, words)}", []
     said = [sentences.contrastive(decision, decision.selected, other, words) for other in question.about]
     return " ".join(said), []
@@ -67,7 +71,9 @@ def _runner_up(question: Question, decision: Decision, words: Mapping[str, Any])
 
 def _component(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
     if len(decision.components) == 1:
-        return words["answers"]["one_component"].format(object=the(decision.selected.object), overall=number(decision.selected.overall)), []
+        return words["answers"]["one_component"].format(
+            object=the(decision.selected.object), overall=number(decision.selected.overall)
+        ), []
     chosen = decision.selected
     if question.about:
         said = []
@@ -90,13 +96,18 @@ def _sure(question: Question, decision: Decision, words: Mapping[str, Any]) -> A
     others = [other for other in others if not together(chosen, other)]
     if not others and question.about:
         return sentence(
-            words["answers"]["same_place"].format(this=sentences.referred(question.about[0], words), object=the(chosen.object))
+            words["answers"]["same_place"].format(
+                this=sentences.referred(question.about[0], words), object=the(chosen.object)
+            )
         ), []
     if not others:
         return words["answers"]["alone"], []
     gaps = [chosen.overall - other.overall for other in others]
     behind = listed(
-        [f"{called(o, decision)} is {number(abs(g))} {'behind' if g >= 0 else 'ahead'}" for o, g in zip(others, gaps, strict=True)]
+        [
+            f"{called(o, decision)} is {number(abs(g))} {'behind' if g >= 0 else 'ahead'}"
+            for o, g in zip(others, gaps, strict=True)
+        ]
     )
     text = sentence(words["answers"]["sure"].format(behind=behind))
     if error == 0:
@@ -135,9 +146,17 @@ def _what_if(question: Question, decision: Decision, words: Mapping[str, Any]) -
     def worth(candidate: Candidate) -> float:
         return sum(factors[name] * candidate.values[name] for name in decision.components)
 
-    changes = [f"{phrase(name, words)} {'counted as much as now' if f == 1 else counted(f)}" for name, f in question.factors.items()]
+    changes = [
+        f"{phrase(name, words)} {'counted as much as now' if f == 1 else counted(f)}"
+        for name, f in question.factors.items()
+    ]
     kept = together(best, chosen) or worth(chosen) >= worth(best) - 1e-9
-    named = {"changes": listed(changes), "object": the(chosen.object), "overall": number(worth(best)), "kept": number(worth(chosen))}
+    named = {
+        "changes": listed(changes),
+        "object": the(chosen.object),
+        "overall": number(worth(best)),
+        "kept": number(worth(chosen)),
+    }
     if kept:
         key = "what_if_kept"
     elif best.object == chosen.object:
@@ -152,7 +171,9 @@ def _what_if(question: Question, decision: Decision, words: Mapping[str, Any]) -
 def _q_value(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
     names = listed([phrase(name, words) for name in decision.components])
     chosen = decision.selected
-    return wording("q_value", decision, words).format(components=names, object=the(chosen.object), overall=number(chosen.overall)), []
+    return wording("q_value", decision, words).format(
+        components=names, object=the(chosen.object), overall=number(chosen.overall)
+    ), []
 
 
 _ANSWERS: dict[str, Callable[[Question, Decision, Mapping[str, Any]], Answer]] = {

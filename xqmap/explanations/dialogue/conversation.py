@@ -1,4 +1,6 @@
-"""A conversation about one decision: with a language model, or from the numbers alone. Every answer is checked against the decision."""
+"""A conversation about one decision: with a language model, or from the numbers alone. Every answer is checked against
+the decision.
+"""
 
 from __future__ import annotations
 
@@ -91,22 +93,38 @@ class Dialogue:
 
     def messages(self, question: str) -> list[Message]:
         """What a language model is sent: the system prompt, the scene line, the last exchanges, the question."""
-        messages = [{"role": "system", "content": f"{system_prompt(self.decision, self.words)}\n\n{scene_line(self.decision)}"}]
+        messages = [
+            {"role": "system", "content": f"{system_prompt(self.decision, self.words)}\n\n{scene_line(self.decision)}"}
+        ]
         for exchange in self.exchanges[-_REMEMBERED:]:
-            messages += [{"role": "user", "content": exchange.question}, {"role": "assistant", "content": exchange.answer}]
+            messages += [
+                {"role": "user", "content": exchange.question},
+                {"role": "assistant", "content": exchange.answer},
+            ]
         return [*messages, {"role": "user", "content": question}]
 
     def to_json(self) -> str:
         """The content of ``dialogue.json``."""
-        return json.dumps({"decision": _identity(self.decision), "exchanges": [asdict(e) for e in self.exchanges]}, indent=1) + "\n"
+        return (
+            json.dumps(
+                {"decision": _identity(self.decision), "exchanges": [asdict(e) for e in self.exchanges]}, indent=1
+            )
+            + "\n"
+        )
 
     def to_markdown(self) -> str:
         """The conversation to read."""
         lines = [f"# A conversation about a decision in {_marked(self.decision.task)}", ""]
         for exchange in self.exchanges:
             lines += [f"**{_marked(exchange.question)}**", "", _marked(exchange.answer), ""]
-            lines += [f"*{_marked(exchange.failure)}; answered from the numbers alone.*", ""] if exchange.failure else []
-            lines += [f"*Not in the decision: {_marked(', '.join(exchange.ungrounded))}.*", ""] if exchange.ungrounded else []
+            lines += (
+                [f"*{_marked(exchange.failure)}; answered from the numbers alone.*", ""] if exchange.failure else []
+            )
+            lines += (
+                [f"*Not in the decision: {_marked(', '.join(exchange.ungrounded))}.*", ""]
+                if exchange.ungrounded
+                else []
+            )
         return "\n".join(lines)
 
 
@@ -132,7 +150,9 @@ def saved_conversation(path: Path, decision: Decision) -> list[tuple[str, str]]:
 
 
 def system_prompt(decision: Decision, words: Mapping[str, Any]) -> str:
-    """What a language model is told before the scene: the task, what the maps mean, the two kinds of question with an example of each."""
+    """What a language model is told before the scene: the task, what the maps mean, the two kinds of question with an
+    example of each.
+    """
     meanings = [f"{_name(n)}: {words['meanings'][n]}." for n in decision.components if n in words["meanings"]]
     others = decision.alternatives
     letters = [
@@ -145,7 +165,9 @@ def system_prompt(decision: Decision, words: Mapping[str, Any]) -> str:
 
 
 def scene_line(decision: Decision) -> str:
-    """The decision as a language model reads it: every candidate with its object and values, and the RDX of each pair."""
+    """The decision as a language model reads it: every candidate with its object and values, and the RDX of each
+    pair.
+    """
     candidates = [
         f"{_name(c.label)}: object={json.dumps(c.object)}, "
         + ", ".join(f"Q_{_name(name)}={number(c.values[name])}" for name in decision.components)
@@ -153,7 +175,8 @@ def scene_line(decision: Decision) -> str:
         for c in decision.candidates
     ]
     pairs = [
-        f"{_name(a)}-{_name(b)}: " + ", ".join(f"{_name(name)}={signed(value)}" for name, value in decision.rdx(a, b).items())
+        f"{_name(a)}-{_name(b)}: "
+        + ", ".join(f"{_name(name)}={signed(value)}" for name, value in decision.rdx(a, b).items())
         for a, b in decision.pairs
     ]
     return (

@@ -39,7 +39,12 @@ def numbers_of(decision: Decision) -> set[str]:
         values += [overall, *components.values()]
     for (_, first), (_, second) in itertools.permutations(things, 2):
         delta = contrast.rdx(first, second)
-        values += [*delta.values(), sum(delta.values()), *contrast.flip_points(delta).values(), contrast.flip_distance(delta)]
+        values += [
+            *delta.values(),
+            sum(delta.values()),
+            *contrast.flip_points(delta).values(),
+            contrast.flip_distance(delta),
+        ]
     values += [*decision.noise.values(), decision.error, *(decision.robustness() or ())[:1]]
     return {number(abs(value)) for value in values if math.isfinite(value)}
 
@@ -66,7 +71,11 @@ def ungrounded(answer: str, decision: Decision, question: str = "", extra: Itera
         if not (counts or bare in asked or _known(bare, known)):
             found.append(text)
     labels = {candidate.label for candidate in decision.candidates}
-    found += [match.group(0) for match in _LABEL.finditer(answer) if match.group(1) not in labels and match.group(0) not in question]
+    found += [
+        match.group(0)
+        for match in _LABEL.finditer(answer)
+        if match.group(1) not in labels and match.group(0) not in question
+    ]
     names = {candidate.object.lower() for candidate in (*decision.candidates, *decision.objects)}
     nouns = "|".join(re.escape(noun) for noun in sorted({*_NOUNS, *(name.split()[-1] for name in names)}))
     described_by = [set(name.split()) for name in names]
@@ -77,10 +86,18 @@ def ungrounded(answer: str, decision: Decision, question: str = "", extra: Itera
         articles = [i for i, word in enumerate(words[:-1]) if _NO_COLOR.fullmatch(word)]
         words = words[articles[-1] + 1 :] if articles else words
         words = words[1:] if len(words) == 3 and words[0] not in described else words
-        if len(words) > 1 and not any(set(words) <= name for name in described_by) and " ".join(words) not in question.lower():
+        if (
+            len(words) > 1
+            and not any(set(words) <= name for name in described_by)
+            and " ".join(words) not in question.lower()
+        ):
             found.append(" ".join(words))
     own = " ".join([*decision.components, *names, question]).lower()
-    found += [word for word in _properties() if word not in own and re.search(rf"\b{re.escape(word)}\b", answer, re.IGNORECASE)]
+    found += [
+        word
+        for word in _properties()
+        if word not in own and re.search(rf"\b{re.escape(word)}\b", answer, re.IGNORECASE)
+    ]
     return found
 
 

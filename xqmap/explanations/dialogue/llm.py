@@ -46,7 +46,14 @@ class OpenAICompatible:
     """
 
     def __init__(
-        self, base_url: str | None, model: str | None, temperature: float, timeout: float, longest: float, retries: int, max_tokens: int
+        self,
+        base_url: str | None,
+        model: str | None,
+        temperature: float,
+        timeout: float,
+        longest: float,
+        retries: int,
+        max_tokens: int,
     ) -> None:
         try:
             import openai
@@ -55,7 +62,9 @@ class OpenAICompatible:
         base_url = base_url or os.environ.get("OPENAI_BASE_URL")
         key = os.environ.get("OPENAI_API_KEY")
         if not key and base_url is None:
-            raise UserError("llm=openai has neither OPENAI_API_KEY nor llm.base_url (a local server needs only the latter)")
+            raise UserError(
+                "llm=openai has neither OPENAI_API_KEY nor llm.base_url (a local server needs only the latter)"
+            )
         model = model or os.environ.get("XQMAP_LLM_MODEL")
         if not model:
             raise UserError("llm=openai has no model: set llm.model=NAME or XQMAP_LLM_MODEL")
@@ -74,7 +83,9 @@ class OpenAICompatible:
                 try:
                     piece = pieces.get(timeout=max(0.0, ends - time.monotonic()))
                 except queue.Empty:
-                    raise Unanswered(f"the model's answer did not end within {self._longest:g} s (llm.longest)") from None
+                    raise Unanswered(
+                        f"the model's answer did not end within {self._longest:g} s (llm.longest)"
+                    ) from None
                 if piece is None:
                     break
                 if isinstance(piece, Exception):
@@ -88,7 +99,9 @@ class OpenAICompatible:
         if not said:
             raise Unanswered("the model's answer was empty")
 
-    def _read(self, messages: list[Message], pieces: queue.SimpleQueue[str | Exception | None], given_up: threading.Event) -> None:
+    def _read(
+        self, messages: list[Message], pieces: queue.SimpleQueue[str | Exception | None], given_up: threading.Event
+    ) -> None:
         try:
             create: Any = self._client.chat.completions.create
             settings = {"model": self._model, "temperature": self._temperature, "max_tokens": self._max_tokens}

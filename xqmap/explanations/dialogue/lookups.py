@@ -1,4 +1,6 @@
-"""Answers that look something up in a decision: its values, things, places and numbers. The wording is the task's, as in ``answers``."""
+"""Answers that look something up in a decision: its values, things, places and numbers. The wording is the task's, as
+in ``answers``.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,9 @@ def missing(question: Question, decision: Decision, words: Mapping[str, Any]) ->
 def no_component(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
     """A property without a Q-Map of its own."""
     known = listed([phrase(name, words) for name in decision.components])
-    return wording("no_component", decision, words).format(component=phrase(question.component or "", words), known=known), []
+    return wording("no_component", decision, words).format(
+        component=phrase(question.component or "", words), known=known
+    ), []
 
 
 def component_of(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
@@ -89,11 +93,19 @@ def scene(question: Question, decision: Decision, words: Mapping[str, Any]) -> A
     counts: dict[str, int] = {}
     for thing in things:
         counts[thing.object] = counts.get(thing.object, 0) + 1
-    shown = [f"{NUMBERS[n] if n < len(NUMBERS) else n} {name}{'s' if n > 1 else ''}" for name, n in list(counts.items())[:_MOST_LISTED]]
+    shown = [
+        f"{NUMBERS[n] if n < len(NUMBERS) else n} {name}{'s' if n > 1 else ''}"
+        for name, n in list(counts.items())[:_MOST_LISTED]
+    ]
     if len(counts) > _MOST_LISTED:
         shown.append("others")
-    total = f"{NUMBERS[len(things)] if len(things) < len(NUMBERS) else len(things)} object{'s' if len(things) > 1 else ''}"
-    return words["answers"]["scene"].format(total=total, things=listed(shown)), [float(len(things)), *map(float, counts.values())]
+    total = (
+        f"{NUMBERS[len(things)] if len(things) < len(NUMBERS) else len(things)} object{'s' if len(things) > 1 else ''}"
+    )
+    return words["answers"]["scene"].format(total=total, things=listed(shown)), [
+        float(len(things)),
+        *map(float, counts.values()),
+    ]
 
 
 def who(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
@@ -107,7 +119,9 @@ def who(question: Question, decision: Decision, words: Mapping[str, Any]) -> Ans
     text = values(question, decision, words)[0]
     if len(decision.components) == 1 or meant.label not in whose:
         return text, []
-    best = words["answers"]["who"].format(label=meant.label, object=the(meant.object), component=phrase(whose[meant.label], words))
+    best = words["answers"]["who"].format(
+        label=meant.label, object=the(meant.object), component=phrase(whose[meant.label], words)
+    )
     return f"{best} {text}", []
 
 
@@ -135,16 +149,23 @@ def of_number(question: Question, decision: Decision, words: Mapping[str, Any]) 
     found: list[str] = []
     for c in (*decision.candidates, *(o for o in decision.objects if not is_listed(o, decision))):
         found += [
-            say["number_value"].format(component=phrase(n, words), object=called(c, decision)) for n in c.values if _is(c.values[n], asked)
+            say["number_value"].format(component=phrase(n, words), object=called(c, decision))
+            for n in c.values
+            if _is(c.values[n], asked)
         ]
         if len(c.values) > 1 and _is(c.overall, asked):
             found.append(say["number_overall"].format(object=called(c, decision)))
     others = [o for o in decision.others if not is_listed(o, decision)]
     pairs = [(decision[a], decision[b]) for a, b in decision.pairs] + [(decision.selected, other) for other in others]
     for first, second in pairs:
-        names = {"first": first.label, "second": second.label if second in decision.candidates else called(second, decision)}
+        names = {
+            "first": first.label,
+            "second": second.label if second in decision.candidates else called(second, decision),
+        }
         delta = contrast.rdx(first.values, second.values)
-        found += [say["number_difference"].format(component=phrase(n, words), **names) for n in delta if _is(delta[n], asked)]
+        found += [
+            say["number_difference"].format(component=phrase(n, words), **names) for n in delta if _is(delta[n], asked)
+        ]
         if len(delta) > 1 and _is(sum(delta.values()), asked):
             found.append(say["number_difference"].format(component=say["overall"], **names))
         if first.label == SELECTED:
@@ -169,14 +190,22 @@ def is_listed(thing: Candidate, decision: Decision) -> bool:
 
 
 def called(candidate: Candidate, decision: Decision) -> str:
-    """A candidate in an answer: "the ground (A)"; one that bears the chosen one's name, but is not it, is "another" one."""
+    """A candidate in an answer: "the ground (A)"; one that bears the chosen one's name, but is not it, is "another"
+    one.
+    """
     chosen = decision.selected
     if candidate.label == SELECTED:
         return the(candidate.object)
     name = the(candidate.object)
     if candidate.object == chosen.object and not together(candidate, chosen):
-        name = f"another {candidate.object}" if candidate.object_index is not None else f"another spot of {the(candidate.object)}"
-    here = [c for c in decision.alternatives if (c.object, c.object_index) == (candidate.object, candidate.object_index)]
+        name = (
+            f"another {candidate.object}"
+            if candidate.object_index is not None
+            else f"another spot of {the(candidate.object)}"
+        )
+    here = [
+        c for c in decision.alternatives if (c.object, c.object_index) == (candidate.object, candidate.object_index)
+    ]
     if candidate.label == candidate.object and any(c.pixel != candidate.pixel for c in here):
         # A candidate lies on it too, elsewhere.
         return f"{name} at its best spot"

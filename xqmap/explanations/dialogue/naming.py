@@ -1,4 +1,6 @@
-"""Who a text speaks of: labels ("B", "pixel B"), objects ("the red flat block"), parts of names ("the red one"), things not there."""
+"""Who a text speaks of: labels ("B", "pixel B"), objects ("the red flat block"), parts of names ("the red one"), things
+not there.
+"""
 
 from __future__ import annotations
 
@@ -43,7 +45,8 @@ _CHOSEN = (
     r"|\b(the|that) (\w+ ){0,2}(that |which )?you(('| ha)ve)? (chose|chosen|picked|took|selected|went for)\b"
 )
 _TURN = re.compile(
-    r"(?<!could )(?<!can )\bnot\b|\b(instead|rather|than|over|versus|vs|compare|difference|against|wrong|other|another)\b"
+    r"(?<!could )(?<!can "
+    r")\bnot\b|\b(instead|rather|than|over|versus|vs|compare|difference|against|wrong|other|another)\b"
     r"|\bwhy \w+n['’]?t\b"
 )
 # A misspelled word is at least this long, and this like the right one.
@@ -61,7 +64,11 @@ def respelled(text: str, vocabulary: Iterable[str]) -> str:
 
     def likely(match: re.Match[str]) -> str:
         word = match.group()
-        alike = [] if len(word) < _SHORTEST or _singular(word) in words else difflib.get_close_matches(word, words, 1, _LIKENESS)
+        alike = (
+            []
+            if len(word) < _SHORTEST or _singular(word) in words
+            else difflib.get_close_matches(word, words, 1, _LIKENESS)
+        )
         return alike[0] if alike else word
 
     return re.sub(r"[a-z]+", likely, plain(text))
@@ -70,7 +77,8 @@ def respelled(text: str, vocabulary: Iterable[str]) -> str:
 def named(text: str, decision: Decision) -> list[Candidate]:
     """The candidates and objects that a text names, in the decision's order.
 
-    Where the chosen one and others answer to a name, the chosen one is meant, but after "not", "rather than" and their like another.
+    Where the chosen one and others answer to a name, the chosen one is meant, but after "not", "rather than" and their
+    like another.
     """
     lowered = text.lower()
     turn = found.start() if (found := _TURN.search(lowered)) else len(lowered)
@@ -96,35 +104,52 @@ def named(text: str, decision: Decision) -> list[Candidate]:
 
 
 def missing(text: str, decision: Decision) -> str | None:
-    """A thing the text names that is not in the scene ("the green cube" where no cube is green); None where there is none."""
+    """A thing the text names that is not in the scene ("the green cube" where no cube is green); None where there is
+    none.
+    """
     names = [candidate.object.lower().split() for candidate in (*decision.candidates, *decision.objects)]
     nouns = {name[-1] for name in names} | {"one", "cube", "bowl", "block"}
     lowered = text.lower()
-    letter = re.search(r"\b(?:not|than|candidate|pixel|option|versus|vs|or|and|of|about|with|is)\s+([B-HJ-Z])\b(?!['’])", text)
+    letter = re.search(
+        r"\b(?:not|than|candidate|pixel|option|versus|vs|or|and|of|about|with|is)\s+([B-HJ-Z])\b(?!['’])", text
+    )
     if letter and letter.group(1) not in {candidate.label for candidate in decision.candidates}:
         return f"candidate {letter.group(1)}"
     own = decision.selected.object.lower()
     if re.search(rf"\b(?:an)?other {re.escape(own)}\b", lowered):
-        apart = [c for c in (*decision.candidates, *decision.objects) if c.object.lower() == own and not _one(c, decision.selected)]
+        apart = [
+            c
+            for c in (*decision.candidates, *decision.objects)
+            if c.object.lower() == own and not _one(c, decision.selected)
+        ]
         return None if apart else f"other {own}"
     if any(" ".join(name) in lowered for name in names):
         return None
-    for match in re.finditer(rf"\b(?:the|a|an|that)\s+((?:[a-z]+\s+){{0,2}})({'|'.join(sorted(map(re.escape, nouns)))})\b", lowered):
+    for match in re.finditer(
+        rf"\b(?:the|a|an|that)\s+((?:[a-z]+\s+){{0,2}})({'|'.join(sorted(map(re.escape, nouns)))})\b", lowered
+    ):
         described = [word for word in match.group(1).split() if word not in _PLAIN]
         thing = [*described, *([match.group(2)] if match.group(2) != "one" else [])]
         if thing and not any(set(thing) <= set(name) for name in names):
             return " ".join([*described, match.group(2)])
-    if (bare := re.search(r"\bnot ([a-z]+)\W*$", lowered)) and bare.group(1) in COLORS and not any(bare.group(1) in name for name in names):
+    if (
+        (bare := re.search(r"\bnot ([a-z]+)\W*$", lowered))
+        and bare.group(1) in COLORS
+        and not any(bare.group(1) in name for name in names)
+    ):
         return f"{bare.group(1)} thing"
     return None
 
 
 def _phrases(text: str, nouns: set[str]) -> list[tuple[int, set[str]]]:
-    """The words between a determiner and the noun it belongs to, or the sentence's end, and where: {red, block}, {red}, {bowl}."""
+    """The words between a determiner and the noun it belongs to, or the sentence's end, and where: {red, block}, {red},
+    {bowl}.
+    """
     found = []
     # Looked at ahead, so that "of the" in "the values of the red block" begins another.
     for match in re.finditer(
-        r"\b(?:the|that|an?|another|other|any|no|not|than|over|about|versus|or|and|with)\s+(?=((?:[a-z]+[\s?.!,]*){1,4}))", text
+        r"\b(?:the|that|an?|another|other|any|no|not|than|over|about|versus|or|and|with)\s+(?=((?:[a-z]+[\s?.!,]*){1,4}))",
+        text,
     ):
         words: set[str] = set()
         for word in re.findall(r"[a-z]+", match.group(1)):
@@ -160,7 +185,9 @@ def _says_label(text: str, label: str) -> bool:
 
 
 def _meant(same: list[Candidate], decision: Decision, own: bool) -> Candidate:
-    """Of things that answer to one name: the selected one if ``own``, or if it is the only one, else the best that was not chosen."""
+    """Of things that answer to one name: the selected one if ``own``, or if it is the only one, else the best that was
+    not chosen.
+    """
     chosen = [c for c in same if c.label == SELECTED] if own else []
     apart = [c for c in same if c.label != SELECTED and not _one(c, decision.selected)]
     candidates = [c for c in apart if c in decision.candidates]

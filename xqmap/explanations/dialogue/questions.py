@@ -16,45 +16,61 @@ ASKS = {
     r"|how (were|did|do) you (trained|learn\w*|made|work)\b"
     r"|\bneural\b|\bnetworks?\b|\bllm\b|\bgpt\b|language model|\ban? (ai|robot|human|bot)\b|your (job|task)\b",
     "help": r"^(help|hello|hi|hey)\b|^$|what (can|could|may|should) (i|you)\b|what do you know|what do you mean\b",
-    "thanks": r"^(many )?(thanks|thank you)\b(?!.*\b(why|what|how)\b)|^(ok|okay|great|good|nice|cool|i see|got it|bye)$",
-    "what_if": r"\b(what|how) if\b|\bif\b|\bsuppose\b|\bimagine\b|\bassum|\bwithout\b|\bignor|\bwhat about .*\b(twice|half|times)\b",
+    "thanks": r"^(many )?(thanks|thank you)\b(?!.*\b(why|what|how)\b)|^(ok|okay|great|good|nice|cool|i see|got "
+    r"it|bye)$",
+    "what_if": r"\b(what|how) if\b|\bif\b|\bsuppose\b|\bimagine\b|\bassum|\bwithout\b|\bignor|\bwhat about "
+    r".*\b(twice|half|times)\b",
     "number": r"\b(what|which|where|why)\b.*\d[.,]\d|^[+-]?\d+[.,]\d+$",
-    "robust": r"\bflip|change your (mind|choice)|what would it take|\brobust|how close|turn the (choice|decision)|\bnarrow\b|\btight\b"
+    "robust": r"\bflip|change your (mind|choice)|what would it take|\brobust|how close|turn the "
+    r"(choice|decision)|\bnarrow\b|\btight\b"
     r"|(have|need|has) to (be|drop|change|fall|sink|shrink|rise|grow)\b|before you (would )?(change|choose|pick)"
     r"|\bwhen would you\b|\bmake you (choose|pick|take|change)\b",
     "chance": r"\bprobab|\bchances?\b|\blikely\b|\b(it|that|this) work\b|\bsucceed",
-    "sure": r"\b(un)?sure\b|\bcertain|\bconfiden|\btrust\b|\breliab|\bdoubt|toss-?up|\bnoise\b|\berrors?\b|\bclear (choice|winner|call)"
+    "sure": r"\b(un)?sure\b|\bcertain|\bconfiden|\btrust\b|\breliab|\bdoubt|toss-?up|\bnoise\b|\berrors?\b|\bclear "
+    r"(choice|winner|call)"
     r"|\bclose call\b|\bhow far (ahead|behind|apart)\b|\bby how much\b|\bhow much better\b|\bmargin\b"
     r"|\bmistaken?\b|\byou (be )?wrong\b",
     "rdx": r"\b(rdx|msx)\b",
-    "q_value": r"\bq-?\s?(values?|maps?)\b|\boverall value\b.*\bmean|what('?s| is| does) (the|an|this) (overall value|sum|total|reward)\b"
-    r"|\bwhat('?s| is| are| does)( an?| the| your)?( \w+)? (components?|propert(y|ies)|decomposition)\b(?!.*\b(most|main|you|your|best)\b)"
+    "q_value": r"\bq-?\s?(values?|maps?)\b|\boverall value\b.*\bmean|what('?s| is| does) (the|an|this) (overall "
+    r"value|sum|total|reward)\b"
+    r"|\bwhat('?s| is| are| does)( an?| the| your)?( \w+)? "
+    r"(components?|propert(y|ies)|decomposition)\b(?!.*\b(most|main|you|your|best)\b)"
     r"|\bhow many (components|properties)|\bcombine\b|\bsum them\b|\badd (them|up)",
     "where": r"\bwhere\b|\bposition\b|\bcoordinates?\b|\blocation\b",
-    "who": r"^(what|who|which)('?s| is| does)? (the )?(candidate |pixel |option |letter |point |spot )?\w{1,2}( mean| stand for| here)?$"
+    "who": r"^(what|who|which)('?s| is| does)? (the )?(candidate |pixel |option |letter |point |spot )?\w{1,2}( mean| "
+    r"stand for| here)?$"
     r"|^tell me about (candidate |pixel |option )?\w{1,2}$",
     "meaning": r"\bmeans?\b|\bmeaning\b|\bdefin|stands? for|\bmeasure|what('?s| is| are) (a |an |the )?[\w-]+\??$",
-    "runner_up": r"second[- ]best|runner|next best|something else|anything else|anywhere else|somewhere else|another (one|place|spot)"
+    "runner_up": r"second[- ]best|runner|next best|something else|anything else|anywhere else|somewhere else|another "
+    r"(one|place|spot)"
     r"|\bpick next\b|\bcomes? (next|after)\b|\b(any|some)thing better\b|\bthere a better\b",
-    "most": r"\bworst\b|\b(lowest|least|highest|best|largest|most|top)\b|^(rank|order|sort) |^which \w+ (is|are|has|have)\b",
-    "component": r"\b(which|what)\b.*(component|propert|contribut|factor|matter|mostly|most\b|feature|criteri)|main reason|most important",
-    "contrastive": r"\bwhy\b.*\b(not|no|rather|instead|over|than|better)\b|\bwhy (did|do|have|are|was|is|could|would)n.?t\b|\bcompare"
+    "most": r"\bworst\b|\b(lowest|least|highest|best|largest|most|top)\b|^(rank|order|sort) |^which \w+ "
+    r"(is|are|has|have)\b",
+    "component": r"\b(which|what)\b.*(component|propert|contribut|factor|matter|mostly|most\b|feature|criteri)|main "
+    r"reason|most important",
+    "contrastive": r"\bwhy\b.*\b(not|no|rather|instead|over|than|better)\b|\bwhy "
+    r"(did|do|have|are|was|is|could|would)n.?t\b|\bcompare"
     r"|\bversus\b|\bvs\b|\bdifferen|\b(better|worse|best) (than|of)\b|\bwrong with\b|\bagainst\b|\binstead of\b"
     r"|\b(which|who|what)\b.* is (better|worse)\b",
-    "list": r"\b(what|which|who|list|show|name|how many)\b.*\b(candidates?|options?|alternatives?|choices|letters?|star)\b|what else",
-    "scene": r"^any\b|^(?!.*\bbest\b).*(what (do|can|did) you see|what('s| is| are) (there|in|on)\b|\b(is|are) there\b|\bdo you see\b"
+    "list": r"\b(what|which|who|list|show|name|how "
+    r"many)\b.*\b(candidates?|options?|alternatives?|choices|letters?|star)\b|what else",
+    "scene": r"^any\b|^(?!.*\bbest\b).*(what (do|can|did) you see|what('s| is| are) (there|in|on)\b|\b(is|are) "
+    r"there\b|\bdo you see\b"
     r"|\bhow many\b.*\b(objects?|things?|blocks?|cubes?|bowls?|there|ones)\b"
     r"|\b(what|which|list|name|show)( me)?( all)?( the)? "
     r"(objects?|things?|blocks?|cubes?|bowls?|scene)\b)",
     "component_of": r"\bhow\b|\bwhat\b|\bvalue\b|\brole\b|^(is|was|does|did|are)\b|\bscore|\btell me\b|\bmuch\b"
     r"|\bwhy (is|was)\b.*\b(high|low|negative|positive|zero|small|large)\b",
     "values": r"\bvalues?\b|\bhow good\b|\bscore|\bworth\b|\bnumbers?\b|\btell me about\b|\bwhat is\b|\bhow much\b",
-    "shallow": r"\bwhy\b|\bexplain|\breasons?\b|\bwhat made\b|\bhow come\b|what (did|do|will|have) you (choose|chosen|pick|select)"
-    r"|\bwhat is selected\b|\bjustify\b|which (one|object)? ?did you|\bwhat was your (choice|decision)\b|\bhow did you decide\b|\bbest\b",
+    "shallow": r"\bwhy\b|\bexplain|\breasons?\b|\bwhat made\b|\bhow come\b|what (did|do|will|have) you "
+    r"(choose|chosen|pick|select)"
+    r"|\bwhat is selected\b|\bjustify\b|which (one|object)? ?did you|\bwhat was your (choice|decision)\b|\bhow did "
+    r"you decide\b|\bbest\b",
 }
 # Words that are mended where they are misspelled, besides those of the scene and its components.
 _VOCABULARY = (
-    "which difference different compare component property value values matter matters important certain counted twice better instead",
+    "which difference different compare component property value values matter matters important certain counted "
+    "twice better instead",
     "rather cube bowl block object",
 )
 NUMBERS = ["zero", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten"]
@@ -79,14 +95,26 @@ _GONE = (
 )
 # What asks for a reason, not for an order.
 _NOT_RANKED = (
-    r"\bwhy\b|important|matter|contribut|reason|factor|propert|component|criteri|differen|\bspeaks?\b|\bmostly\b|\bat (most|least)\b"
+    r"\bwhy\b|important|matter|contribut|reason|factor|propert|component|criteri|differen|\bspeaks?\b"
+    r"|\bmostly\b|\bat (most|least)\b"
 )
 # In "why not the …", words that mean whatever was next best.
 _ANYTHING = r"objects?|things?|others?|rest|ones?|one|then|now|any"
 # Words of a question like "the red one?", which goes on with the one before.
 _SHORT = 5
 # Kinds that "and B?" can repeat for somebody else.
-_REPEATED = ("who", "contrastive", "what_if", "component", "component_of", "sure", "robust", "values", "where", "meaning")
+_REPEATED = (
+    "who",
+    "contrastive",
+    "what_if",
+    "component",
+    "component_of",
+    "sure",
+    "robust",
+    "values",
+    "where",
+    "meaning",
+)
 
 
 @dataclass
@@ -94,8 +122,9 @@ class Question:
     """What was understood.
 
     Attributes:
-        kind: a key of ``ASKS``, ``pair`` (two candidates of which neither was chosen), ``scene_if`` (another scene), ``missing`` (of a
-            thing that is not there), ``no_component`` (of a property without a Q-Map of its own) or ``unknown``.
+        kind: a key of ``ASKS``, ``pair`` (two candidates of which neither was chosen), ``scene_if`` (another scene),
+            ``missing`` (of a thing that is not there), ``no_component`` (of a property without a Q-Map of its own) or
+            ``unknown``.
         about: the candidates or objects that are named.
         component: the component that is named, if any.
         factors: for ``what_if``, how many times as much a component counts, by name.
@@ -123,14 +152,22 @@ def understand(text: str, decision: Decision, words: Mapping[str, Any], before: 
     question = _read(text, decision, words, before)
     if question.kind not in ("unknown", "missing"):
         return question
-    known = [*_VOCABULARY, *COLORS, *(c.object for c in (*decision.candidates, *decision.objects)), *decision.components]
+    known = [
+        *_VOCABULARY,
+        *COLORS,
+        *(c.object for c in (*decision.candidates, *decision.objects)),
+        *decision.components,
+    ]
     mended = respelled(text, known + [word for name in decision.components for word in words["synonyms"].get(name, [])])
     return question if mended == plain(text) else _read(mended, decision, words, before)
 
 
 def _read(text: str, decision: Decision, words: Mapping[str, Any], before: Question | None) -> Question:
     said = plain(text)
-    about, things = named(text, decision), {word for c in (*decision.candidates, *decision.objects) for word in c.object.lower().split()}
+    about, things = (
+        named(text, decision),
+        {word for c in (*decision.candidates, *decision.objects) for word in c.object.lower().split()},
+    )
     # "The color of the inclined block" is about color, "is it inclined" about flatness.
     apart = " ".join(word for word in said.split() if word not in things)
     mentioned = components_in(apart, decision.components, words) or components_in(said, decision.components, words)
@@ -140,9 +177,17 @@ def _read(text: str, decision: Decision, words: Mapping[str, Any], before: Quest
     if (thing := missing(text, decision)) and not supposed:
         return Question("missing", thing=thing)
     follows = re.search(r"^(and|what about|how about|or)\b", said) is not None
-    if before is not None and follows and not re.search(r"\bwhy\b|\bif\b", said) and (again := _again(said, before, others, component)):
+    if (
+        before is not None
+        and follows
+        and not re.search(r"\bwhy\b|\bif\b", said)
+        and (again := _again(said, before, others, component))
+    ):
         return again
-    kind = next((kind for kind, pattern in ASKS.items() if re.search(pattern, said) and _fits(kind, said, about, component)), "unknown")
+    kind = next(
+        (kind for kind, pattern in ASKS.items() if re.search(pattern, said) and _fits(kind, said, about, component)),
+        "unknown",
+    )
     strange = [name for name in (*words["components"], *words["other_properties"]) if name not in decision.components]
     foreign = components_in(said, strange, words)
     if foreign and not component and kind in ("what_if", "component_of", "meaning", "component", "most", "unknown"):
@@ -161,7 +206,9 @@ def _read(text: str, decision: Decision, words: Mapping[str, Any], before: Quest
         noun = next((noun for noun in sorted(nouns) if re.search(rf"\b{re.escape(noun)}s?\b", said)), "")
         # "Rank the cubes" means the overall value, also where a component is called a rank.
         of = component if not said.startswith("rank ") or re.search(r"\b(by|in|for)\b", said) else None
-        return Question(kind, component=of, thing=noun, lowest=re.search(r"\bworst\b|\blowest\b|\bleast\b", said) is not None)
+        return Question(
+            kind, component=of, thing=noun, lowest=re.search(r"\bworst\b|\blowest\b|\bleast\b", said) is not None
+        )
     if kind == "contrastive" and not about and (unheard := re.search(r"\bwhy not (the |an? |that )?([a-z .]+)$", said)):
         described = [word for word in unheard.group(2).replace(".", " ").split() if not re.fullmatch(_ANYTHING, word)]
         if described:
@@ -179,7 +226,9 @@ def _read(text: str, decision: Decision, words: Mapping[str, Any], before: Quest
         return Question("contrastive", others)
     if kind == "unknown" and (about or component):
         again = _again(said, before, others, component) if before is not None and len(said.split()) <= _SHORT else None
-        alone = Question("component_of", meant, component) if component else Question("contrastive", [decision.selected])
+        alone = (
+            Question("component_of", meant, component) if component else Question("contrastive", [decision.selected])
+        )
         if again or others or component or len(said.split()) <= _SHORT:
             return again or (Question("contrastive", others) if others else alone)
     return Question(kind, about if kind in ("component_of", "values", "where", "who") else others, component)
@@ -195,7 +244,9 @@ def _fits(kind: str, said: str, about: list[Candidate], component: str | None) -
     if kind == "who":
         return len(others) == 1 and others[0].label != others[0].object and component is None
     if kind == "most":
-        aimed = component is not None or re.search(r"\bworst\b|\b(cube|bowl|block|object|thing|option|candidate|spot|one)s?\b", said)
+        aimed = component is not None or re.search(
+            r"\bworst\b|\b(cube|bowl|block|object|thing|option|candidate|spot|one)s?\b", said
+        )
         superlative = component is not None or re.search(ASKS["most"].rpartition("|^which")[0], said)
         return bool(aimed and superlative) and not others and not re.search(_NOT_RANKED, said)
     if kind == "q_value":
@@ -206,21 +257,30 @@ def _fits(kind: str, said: str, about: list[Candidate], component: str | None) -
 
 
 def _again(said: str, before: Question, others: list[Candidate], component: str | None) -> Question | None:
-    """The question before, about somebody or something else: "and B?", "and 3 times as much?", "what about flatness?"."""
+    """The question before, about somebody or something else: "and B?", "and 3 times as much?", "what about
+    flatness?".
+    """
     if before.kind == "pair" and others:
         return Question("contrastive", others)
     if before.kind not in _REPEATED:
         return None
     if before.kind == "what_if":
         bare = re.search(r"\d+(?:[.,]\d+)?$", said)
-        factor, known = float(bare.group().replace(",", ".")) if bare else _factor(said), next(iter(before.factors.values()))
+        factor, known = (
+            float(bare.group().replace(",", ".")) if bare else _factor(said),
+            next(iter(before.factors.values())),
+        )
         if component is None and factor is None:
             return None
         names = [component] if component else list(before.factors)
         return Question("what_if", [], names[0], dict.fromkeys(names, known if factor is None else factor))
     if others:
         return Question(before.kind, others, component or before.component)
-    return Question(before.kind, before.about, component) if component and before.kind in ("component_of", "meaning") else None
+    return (
+        Question(before.kind, before.about, component)
+        if component and before.kind in ("component_of", "meaning")
+        else None
+    )
 
 
 def components_in(said: str, components: Any, words: Mapping[str, Any]) -> list[str]:
@@ -229,7 +289,11 @@ def components_in(said: str, components: Any, words: Mapping[str, Any]) -> list[
     def calls(name: str) -> list[str]:
         return [name, str(words["components"].get(name, name)), *words["synonyms"].get(name, [])]
 
-    return [str(name) for name in components if any(re.search(rf"\b{re.escape(call.lower())}\b", said) for call in calls(name))]
+    return [
+        str(name)
+        for name in components
+        if any(re.search(rf"\b{re.escape(call.lower())}\b", said) for call in calls(name))
+    ]
 
 
 def factors_in(said: str, decision: Decision, words: Mapping[str, Any]) -> dict[str, float]:
@@ -246,7 +310,11 @@ def factors_in(said: str, decision: Decision, words: Mapping[str, Any]) -> dict[
             continue
         if factor is not None:
             factors[name] = factor
-    if not factors and (names := components_in(said, decision.components, words)) and (factor := _factor(said)) is not None:
+    if (
+        not factors
+        and (names := components_in(said, decision.components, words))
+        and (factor := _factor(said)) is not None
+    ):
         factors[names[0]] = factor
     return factors
 

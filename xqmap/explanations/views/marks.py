@@ -35,12 +35,19 @@ def mark(decision: Decision, axis: Axes, scale: float) -> None:
         x, y = (-13 if column > columns / 2 else 13, -13 if row > rows / 2 else 13)
         places = [(x, y), (x, -y), (-x, y), (-x, -y), (2.5 * x, 0), (0, 2.5 * y), (2.5 * x, y), (x, 2.5 * y)]
         spots = [(column * scale + dx, row * scale + dy) for dx, dy in places]
-        inside = [all(6 < at < scale * side - 6 for at, side in zip(spot, (columns, rows), strict=True)) for spot in spots]
+        inside = [
+            all(6 < at < scale * side - 6 for at, side in zip(spot, (columns, rows), strict=True)) for spot in spots
+        ]
         free = [min((math.dist(spot, other) for other in taken), default=math.inf) for spot in spots]
         best = max(range(len(places)), key=lambda i: (inside[i], min(free[i], _APART), -i))
         taken.append(spots[best])
         # Lines by themselves, below all labels.
-        line = {"arrowstyle": "-", "lw": 0.9, "shrinkB": 5.5, "path_effects": [withStroke(linewidth=2.4, foreground="white")]}
+        line = {
+            "arrowstyle": "-",
+            "lw": 0.9,
+            "shrinkB": 5.5,
+            "path_effects": [withStroke(linewidth=2.4, foreground="white")],
+        }
         axis.annotate("", (column, row), xytext=places[best], textcoords="offset points", zorder=4, arrowprops=line)
         axis.annotate(
             " ".join(labels),

@@ -1,4 +1,6 @@
-"""A decision, or an episode of them, as one self-contained page: works from disk, asks for nothing outside, readable without pictures."""
+"""A decision, or an episode of them, as one self-contained page: works from disk, asks for nothing outside, readable
+without pictures.
+"""
 
 from __future__ import annotations
 
@@ -26,13 +28,24 @@ def page(decisions: Sequence[Decision], dialogue: Sequence[tuple[str, str]] = ()
         dialogue: questions and answers to show at its end.
     """
     first = decisions[0]
-    title = f"Why? A decision in {first.task}" if len(decisions) == 1 else f"Why? {len(decisions)} decisions in {first.task}"
+    title = (
+        f"Why? A decision in {first.task}"
+        if len(decisions) == 1
+        else f"Why? {len(decisions)} decisions in {first.task}"
+    )
     seed = "" if first.scene_seed is None else f" Scene {first.scene_seed}."
-    body = [f"<h1>{escape(title)}</h1>", f'<p class="soft">Components: {escape(", ".join(first.components))}.{seed}</p>']
+    body = [
+        f"<h1>{escape(title)}</h1>",
+        f'<p class="soft">Components: {escape(", ".join(first.components))}.{seed}</p>',
+    ]
     if len(decisions) > 1:
         caption = "The component values of what was chosen, decision by decision."
         body += ["<h2>Over the episode</h2>", _picture(lambda: plots.over_time(decisions), caption)]
-        body += ["<ol>", *(f'<li><a href="#{i}">{escape(d.selected.object)}</a></li>' for i, d in enumerate(decisions)), "</ol>"]
+        body += [
+            "<ol>",
+            *(f'<li><a href="#{i}">{escape(d.selected.object)}</a></li>' for i, d in enumerate(decisions)),
+            "</ol>",
+        ]
     for i, decision in enumerate(decisions):
         if len(decisions) > 1:
             body.append(f'<h2 id="{i}">Decision {decision.step + 1}: {escape(decision.selected.object)}</h2>')
@@ -40,9 +53,12 @@ def page(decisions: Sequence[Decision], dialogue: Sequence[tuple[str, str]] = ()
     if dialogue:
         body.append("<h2>Asked</h2>")
         for question, answer in dialogue:
-            body.append(f'<p><strong>{escape(question)}</strong></p><blockquote class="said">{escape(answer)}</blockquote>')
+            body.append(
+                f'<p><strong>{escape(question)}</strong></p><blockquote class="said">{escape(answer)}</blockquote>'
+            )
     return (
-        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">'
+        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><meta name="viewport" '
+        'content="width=device-width, initial-scale=1">'
         f"<title>{escape(title)}</title><style>{_STYLE}</style></head><body>{''.join(body)}</body></html>\n"
     )
 
@@ -53,7 +69,10 @@ def _decision(decision: Decision, level: int) -> list[str]:
     parts = [f"<blockquote>{escape(said['shallow'])}</blockquote>"]
     if decision.maps is not None:
         marks = "; ".join(f"{c.label}: {c.object}" for c in decision.candidates)
-        caption = "The scene, and the Q-Maps over it. ★ is the choice, letters mark what would be best for one component alone. "
+        caption = (
+            "The scene, and the Q-Maps over it. ★ is the choice, letters mark what would be best for one "
+            "component alone. "
+        )
         parts.append(_picture(lambda: plots.qmaps(decision), f"{caption}{marks}."))
     parts += [f"<h{level}>And why not the others?</h{level}>"]
     parts += [f"<p>{escape(sentence)}</p>" for sentence in (*said["contrastive"], said["robustness"])]
@@ -86,4 +105,6 @@ def _picture(draw: Callable[[], Figure], caption: str) -> str:
     plt.close(figure)
     data = base64.b64encode(buffer.getvalue()).decode()
     caption = escape(caption, quote=True)
-    return f'<figure><img alt="{caption}" src="data:image/png;base64,{data}"><figcaption>{caption}</figcaption></figure>'
+    return (
+        f'<figure><img alt="{caption}" src="data:image/png;base64,{data}"><figcaption>{caption}</figcaption></figure>'
+    )

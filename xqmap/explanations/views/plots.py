@@ -1,4 +1,6 @@
-"""Charts of a decision. Colours are Okabe and Ito's, which colour-blind people can tell apart; a component keeps its own everywhere."""
+"""Charts of a decision. Colours are Okabe and Ito's, which colour-blind people can tell apart; a component keeps its
+own everywhere.
+"""
 
 from __future__ import annotations
 
@@ -51,7 +53,9 @@ def qmaps(decision: Decision) -> Figure:
     with plt.rc_context(STYLE):
         _require_maps(decision)
         panels, rows = _panels(decision)
-        figure = plt.figure(figsize=(_panel_width(decision) * panels, _panel_height(decision) * rows), layout="constrained")
+        figure = plt.figure(
+            figsize=(_panel_width(decision) * panels, _panel_height(decision) * rows), layout="constrained"
+        )
         _draw_maps(decision, figure)
         return figure
 
@@ -67,14 +71,21 @@ def values(decision: Decision) -> Figure:
 
 
 def rdx(decision: Decision) -> Figure:
-    """Part 2b: the differences Δ_k of every pair of candidates (beyond eight components, of the selected one with each)."""
+    """Part 2b: the differences Δ_k of every pair of candidates (beyond eight components, of the selected one with
+    each).
+    """
     with plt.rc_context(STYLE):
         pairs = decision.pairs if len(decision.components) <= 8 else _own_pairs(decision)
         each = max(4, 40 // len(decision.components))
         rows = [pairs[i : i + each] for i in range(0, len(pairs), each)] or [[]]
         width = max(3.6, len(rows[0]) * (0.7 + 0.2 * len(decision.components)))
         figure, axes = plt.subplots(
-            len(rows), 1, figsize=(1.8 + width, 3.4 + 2.2 * (len(rows) - 1)), layout="constrained", sharey=True, squeeze=False
+            len(rows),
+            1,
+            figsize=(1.8 + width, 3.4 + 2.2 * (len(rows) - 1)),
+            layout="constrained",
+            sharey=True,
+            squeeze=False,
         )
         for axis, row in zip(axes[:, 0], rows, strict=True):
             _draw_rdx(decision, axis, row)
@@ -104,7 +115,9 @@ def bars(decision: Decision) -> Figure:
 
 
 def overview(decision: Decision, dialogue: list[tuple[str, str]] | None = None) -> Figure:
-    """The whole explanation as one figure: maps, bars, sentences, and a piece of a dialogue ``[(question, answer), …]``."""
+    """The whole explanation as one figure: maps, bars, sentences, and a piece of a dialogue
+    ``[(question, answer), …]``.
+    """
     with plt.rc_context(STYLE):
         panels, map_rows = _panels(decision)
         bars_width, bars_height = _bars_size(decision)
@@ -116,7 +129,10 @@ def overview(decision: Decision, dialogue: list[tuple[str, str]] | None = None) 
         parts = [("Part 1 · Q-Maps", _panel_height(decision) * map_rows)] if decision.maps is not None else []
         parts += [("Part 2 · values and differences", bars_height)]
         titles = ("Part 3 · why this one, and why not another", "Part 4 · asked")
-        parts += [(title, 0.45 + 0.19 * sum(1 + line.count("\n") for line in lines)) for title, lines in zip(titles, wrapped, strict=False)]
+        parts += [
+            (title, 0.45 + 0.19 * sum(1 + line.count("\n") for line in lines))
+            for title, lines in zip(titles, wrapped, strict=False)
+        ]
         figure = plt.figure(figsize=(width, sum(height for _, height in parts)), layout="constrained")
         made = figure.subfigures(len(parts), 1, height_ratios=[height for _, height in parts], squeeze=False)[:, 0]
         drawn = list(made)
@@ -126,7 +142,14 @@ def overview(decision: Decision, dialogue: list[tuple[str, str]] | None = None) 
             _draw_maps(decision, drawn.pop(0))
         _draw_bars(decision, drawn.pop(0))
         for part, lines in zip(drawn, wrapped, strict=True):
-            part.text(0.005, 1 - 0.36 / part.bbox.height * figure.dpi, "\n".join(lines), fontsize=9, va="top", linespacing=1.45)
+            part.text(
+                0.005,
+                1 - 0.36 / part.bbox.height * figure.dpi,
+                "\n".join(lines),
+                fontsize=9,
+                va="top",
+                linespacing=1.45,
+            )
         return figure
 
 
@@ -137,10 +160,18 @@ def over_time(decisions: Sequence[Decision]) -> Figure:
         steps = [decision.step + 1 for decision in decisions]
         first = decisions[0]
         for name, marker in zip(first.components, itertools.cycle("o^Dv"), strict=False):
-            axis.plot(steps, [d.selected.values[name] for d in decisions], f"{marker}-", color=color_of(first, name), label=name)
+            axis.plot(
+                steps,
+                [d.selected.values[name] for d in decisions],
+                f"{marker}-",
+                color=color_of(first, name),
+                label=name,
+            )
         if len(first.components) > 1:
             axis.plot(steps, [d.selected.overall for d in decisions], "s--", color="0.25", label="sum")
-        names = ["\n".join([str(s), *textwrap.wrap(d.selected.object, 9)]) for s, d in zip(steps, decisions, strict=True)]
+        names = [
+            "\n".join([str(s), *textwrap.wrap(d.selected.object, 9)]) for s, d in zip(steps, decisions, strict=True)
+        ]
         axis.set_xticks(steps, names, fontsize=7)
         axis.set_xlabel("decision, and what was chosen")
         axis.set_ylabel("value")
@@ -154,7 +185,9 @@ def save(figure: Figure, path: Path) -> list[Path]:
     with plt.rc_context(STYLE):
         for target in paths:
             with replacing(target) as beside:
-                figure.savefig(beside, format=target.suffix[1:], metadata={"Date": None} if target.suffix == ".svg" else None)
+                figure.savefig(
+                    beside, format=target.suffix[1:], metadata={"Date": None} if target.suffix == ".svg" else None
+                )
     plt.close(figure)
     return paths
 
@@ -229,7 +262,9 @@ def _bars_size(decision: Decision) -> tuple[float, float]:
 
 
 def _draw_bars(decision: Decision, figure: Any) -> None:
-    """Values and differences side by side; with many components one above the other, and the differences to the choice only."""
+    """Values and differences side by side; with many components one above the other, and the differences to the choice
+    only.
+    """
     if _stacked(decision):
         axes = figure.subplots(2, 1)
     else:
@@ -247,8 +282,14 @@ def _draw_values(decision: Decision, axis: Axes) -> None:
         # Above the tallest bar of the group and its number.
         top = max(candidate.overall, *candidate.values.values(), 0.0)
         text = f"Σ {number(candidate.overall)}"
-        axis.annotate(text, (i, top), xytext=(0, 11), textcoords="offset points", ha="center", fontsize=8, fontweight="bold")
-    axis.set_xticks(range(len(groups)), ["\n".join([c.label, *textwrap.wrap(c.object, 14)]) for c in decision.candidates], fontsize=8)
+        axis.annotate(
+            text, (i, top), xytext=(0, 11), textcoords="offset points", ha="center", fontsize=8, fontweight="bold"
+        )
+    axis.set_xticks(
+        range(len(groups)),
+        ["\n".join([c.label, *textwrap.wrap(c.object, 14)]) for c in decision.candidates],
+        fontsize=8,
+    )
     axis.set_ylabel("value")
     axis.set_title("Values of each candidate")
     axis.margins(y=0.2)
@@ -279,5 +320,7 @@ def _grouped(decision: Decision, axis: Axes, groups: list[dict[str, float]], for
         heights = [group[name] for group in groups]
         drawn = axis.bar(places, heights, width * 0.94, color=color_of(decision, name))
         if count <= 4:
-            axis.bar_label(drawn, [form(height) for height in heights], fontsize=7, padding=1.5, color="0.3", bbox=_CLEAR)
+            axis.bar_label(
+                drawn, [form(height) for height in heights], fontsize=7, padding=1.5, color="0.3", bbox=_CLEAR
+            )
     axis.axhline(0, color="0.3", lw=0.8)

@@ -1,4 +1,6 @@
-"""A decision in words, from templates. Every number is one of the decision's, printed by :func:`number` or :func:`signed`."""
+"""A decision in words, from templates. Every number is one of the decision's, printed by :func:`number` or
+:func:`signed`.
+"""
 
 from __future__ import annotations
 
@@ -50,14 +52,23 @@ def write(decision: Decision, wording: Mapping[str, Any] | None = None) -> dict[
         wording: templates; those of the decision's task when not given.
 
     Returns:
-        ``{"shallow": str, "contrastive": [str], "robustness": str}``. The contrastive ones go by candidate; candidates on the chosen object
-        share one. The best other object has one where no candidate is elsewhere, and where it is within the values' typical error.
+        ``{"shallow": str, "contrastive": [str], "robustness": str}``. The contrastive ones go by candidate; candidates
+        on the chosen object share one. The best other object has one where no candidate is elsewhere, and where it is
+        within the values' typical error.
     """
     words = dict(wording) if wording is not None else wording_for(decision.task)
     elsewhere = [c for c in decision.alternatives if not decision.same(SELECTED, c.label)]
-    said = [_agreeing(decision, words)] if len(elsewhere) < len(decision.alternatives) and len(decision.components) > 1 else []
+    said = (
+        [_agreeing(decision, words)]
+        if len(elsewhere) < len(decision.alternatives) and len(decision.components) > 1
+        else []
+    )
     best = decision.others[:1]
-    close = [o for o in best if decision.selected.overall - o.overall <= decision.error and not any(together(o, c) for c in elsewhere)]
+    close = [
+        o
+        for o in best
+        if decision.selected.overall - o.overall <= decision.error and not any(together(o, c) for c in elsewhere)
+    ]
     elsewhere += close if elsewhere else best
     said += [contrastive(decision, decision.selected, other, words) for other in elsewhere]
     return {"shallow": shallow(decision, words), "contrastive": said, "robustness": robustness(decision, words)}
@@ -67,8 +78,12 @@ def shallow(decision: Decision, words: Mapping[str, Any]) -> str:
     """Why this one: the object with the highest overall value and the component that contributes most."""
     chosen = decision.selected
     names = {"verb": words["verb"], "object": the(chosen.object), "overall": number(chosen.overall)}
-    if better := [c for c in decision.alternatives if number(c.overall) != number(chosen.overall) and c.overall > chosen.overall]:
-        return words["shallow_not_highest"].format(**names, other=listed([f"{the(c.object)} ({c.label})" for c in better]))
+    if better := [
+        c for c in decision.alternatives if number(c.overall) != number(chosen.overall) and c.overall > chosen.overall
+    ]:
+        return words["shallow_not_highest"].format(
+            **names, other=listed([f"{the(c.object)} ({c.label})" for c in better])
+        )
     if len(decision.components) == 1:
         return words["shallow_single"].format(**names)
     first, second = sorted(decision.components, key=lambda name: -chosen.values[name])[:2]
@@ -79,9 +94,11 @@ def shallow(decision: Decision, words: Mapping[str, Any]) -> str:
 
 
 def contrastive(decision: Decision, first: Candidate, second: Candidate, words: Mapping[str, Any]) -> str:
-    """Why ``first`` and not ``second``: through which properties it wins, through which it does not, and what would turn it.
+    """Why ``first`` and not ``second``: through which properties it wins, through which it does not, and what would
+    turn it.
 
-    Where the two coincide, are equal or differ by no more than the values' typical error, the sentence says that instead.
+    Where the two coincide, are equal or differ by no more than the values' typical error, the sentence says that
+    instead.
     """
     chose = first.label == SELECTED
     if together(first, second):
@@ -144,7 +161,11 @@ def referred(candidate: Candidate, words: Mapping[str, Any]) -> str:
     """A candidate by its letter alone: "my choice", "candidate (B)"; one without a letter by its object."""
     if candidate.label == SELECTED:
         return str(words["own_choice"])
-    return str(words["lettered"]).format(label=candidate.label) if candidate.label != candidate.object else the(candidate.object)
+    return (
+        str(words["lettered"]).format(label=candidate.label)
+        if candidate.label != candidate.object
+        else the(candidate.object)
+    )
 
 
 def robustness(decision: Decision, words: Mapping[str, Any]) -> str:
@@ -191,7 +212,9 @@ def sentence(text: str) -> str:
 
 
 def _called(candidate: Candidate, name: str = "") -> str:
-    """A candidate by its object and label, like "the ground (A)"; an object that is no candidate goes by its name alone."""
+    """A candidate by its object and label, like "the ground (A)"; an object that is no candidate goes by its name
+    alone.
+    """
     name = name or the(candidate.object)
     return name if candidate.label in (SELECTED, candidate.object) else f"{name} ({candidate.label})"
 
@@ -205,7 +228,11 @@ def _other(first: Candidate, second: Candidate) -> str:
 def _agreeing(decision: Decision, words: Mapping[str, Any]) -> str:
     """One sentence on all candidates that lie on the chosen object."""
     chosen, others = decision.selected, decision.alternatives
-    whose = dict(zip((c.label for c in others), decision.components, strict=False)) if len(others) == len(decision.components) else {}
+    whose = (
+        dict(zip((c.label for c in others), decision.components, strict=False))
+        if len(others) == len(decision.components)
+        else {}
+    )
     here = [c for c in others if decision.same(SELECTED, c.label)]
     spots = [f"{phrase(whose[c.label], words)} ({c.label})" if c.label in whose else f"({c.label})" for c in here]
     exact = all(c.pixel is not None and c.pixel == chosen.pixel for c in here)
