@@ -1,4 +1,4 @@
-"""Prints, as lines for a shell, what pip was told of indexes, wheels, proxies and certificates in the words that uv knows."""
+"""Prints for a shell, in uv's words, what pip was told of indexes, wheels, proxies and certificates."""
 
 from __future__ import annotations
 
@@ -23,14 +23,17 @@ NAMES = {
 
 
 def translated(listing: str) -> dict[str, str]:
-    """``pip config list`` as variables for uv: a variable of pip's outdoes its files, there 'install' outdoes 'global'."""
+    """``pip config list`` as variables for uv: its variables outdo its files, there 'install' outdoes 'global'."""
     told = {}
     for place in ("global.", "install.", ":env:."):
         for line in listing.splitlines():
             name, _, value = line.partition("=")
             if name.startswith(place):
                 told[name.removeprefix(place).removeprefix("default-")] = str(ast.literal_eval(value))
-    found = {variable: between.join(told[name].split()) for name, (variables, between) in NAMES.items() if name in told for variable in variables}
+    found = {}
+    for name, (variables, between) in NAMES.items():
+        if name in told:
+            found.update(dict.fromkeys(variables, between.join(told[name].split())))
     if "UV_INDEX" in found:
         # pip takes the best version of all indexes, uv by default that of the first which knows the name.
         found["UV_INDEX_STRATEGY"] = "unsafe-best-match"
