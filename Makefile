@@ -1,19 +1,19 @@
 # `make train` and `make test` do everything on a fresh machine.
-PYTHON ?= python3
+# PYTHON=... chooses the interpreter; without it the first on the PATH that fits is taken.
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: setup train test lint browser paper pretrained
+.PHONY: setup lock train test lint browser paper pretrained
 
-# Quick the second time: the stamp is newer than what it was made from. A lost Vulkan driver is found either way.
-setup: $(VENV)/installed
+# Quick the second time. A lost Vulkan driver is found either way.
+setup:
+	@bash .ci/setup $(VENV)
 	@bash .ci/vulkan $(BIN)/python
 
-$(VENV)/installed: pyproject.toml constraints.txt
-	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet torch==2.13.0 --constraint constraints.txt
-	$(BIN)/pip install --quiet --editable '.[dev]' --constraint constraints.txt
-	@touch $@
+# Today's versions for every Python, after a change of pyproject.toml; what is locked stays as it is while it fits.
+lock:
+	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --extra dev --no-annotate \
+		--custom-compile-command 'make lock' --output-file constraints.txt pyproject.toml
 
 train: setup
 	$(BIN)/python -m xqmap.train +task=landing
