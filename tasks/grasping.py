@@ -33,13 +33,13 @@ from mani_skill.sensors.camera import CameraConfig
 from mani_skill.utils.registration import register_env
 from mani_skill.utils.structs.types import DefaultMaterialsConfig, SceneConfig, SimConfig
 
-from tasks import oracle, workcell
-from tasks.agents.ur5e import UR5e, cup_reach, joints_at
-from tasks.base import DecisionEnv, SceneObject
-from tasks.primitives import Arm, pick
-from tasks.suction import Suction, seals
-from tasks.tabletop import FRICTION, INSIDE, TOP, Thing, body_of, cube_top, entity, footprint, pose_of, sample_layout
-from tasks.workcell import BIN, BOUNDS, HOME_HEIGHT, PIXEL_SIZE
+from . import oracle, workcell
+from .agents.ur5e import UR5e, cup_reach, joints_at
+from .base import DecisionEnv, SceneObject
+from .primitives import Arm, pick
+from .suction import Suction, seals
+from .tabletop import FRICTION, INSIDE, TOP, Thing, body_of, cube_top, entity, footprint, pose_of, sample_layout
+from .workcell import BIN, BOUNDS, HOME_HEIGHT, PIXEL_SIZE
 
 # Objects are at rest when none is faster (m/s); they get this many simulation steps to come to rest.
 STILL, SETTLE_STEPS = 0.002, 400
@@ -323,7 +323,7 @@ class GraspingEnv(DecisionEnv):
         return np.add(chosen.pose.p, (0, 0, float(INSIDE[0, 1])))
 
     def exact_values(self, gamma: float) -> np.ndarray:
-        """Q*_k ``[objects, 2]`` of each of :meth:`scene_objects`, from the exact solution in :mod:`tasks.oracle`."""
+        """Q*_k ``[objects, 2]`` of each of :meth:`scene_objects`, from the exact solution in :mod:`.oracle`."""
         return oracle.component_values(self._items()[1], self.weights.tolist(), gamma)
 
     def scene_objects(self) -> list[SceneObject]:

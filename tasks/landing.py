@@ -34,10 +34,10 @@ from mani_skill.sensors.camera import CameraConfig
 from mani_skill.utils.registration import register_env
 from mani_skill.utils.structs.types import DefaultMaterialsConfig, SceneConfig, SimConfig
 
-from tasks.agents.aircraft import Aircraft
-from tasks.base import DecisionEnv, SceneObject
-from tasks.blocks import MAX_TOP, Block, entity, material, sample_field
-from tasks.overview import best_place, in_view
+from .agents.aircraft import Aircraft
+from .base import DecisionEnv, SceneObject
+from .blocks import MAX_TOP, Block, entity, material, sample_field
+from .overview import best_place, in_view
 
 CELLS = 84
 HALF_SIZE = 20.0
