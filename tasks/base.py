@@ -38,6 +38,7 @@ class DecisionEnv(BaseEnv):
     Args:
         weights: w_k by component name; R = Σ_k w_k r_k. A component that is not named weighs 1.
         render_backend: ``"auto"`` draws on a GPU where CUDA sees one, else on the CPU.
+        robot_uids: ManiSkill's name of the robot; ``"none"`` for a world without one.
         kwargs: ManiSkill's own; with ``render_mode="rgb_array"`` every decision is filmed.
 
     Attributes:
@@ -50,7 +51,12 @@ class DecisionEnv(BaseEnv):
     SUPPORTED_REWARD_MODES = ("sparse", "none")
 
     def __init__(
-        self, *, weights: Mapping[str, float] | None = None, render_backend: str = "auto", **kwargs: Any
+        self,
+        *,
+        weights: Mapping[str, float] | None = None,
+        render_backend: str = "auto",
+        robot_uids: str = "none",
+        **kwargs: Any,
     ) -> None:
         self.weights = torch.tensor([float((weights or {}).get(name, 1.0)) for name in self.REWARD_COMPONENTS])
         self.seconds = {"simulate": 0.0, "render": 0.0}
@@ -66,6 +72,7 @@ class DecisionEnv(BaseEnv):
             reward_mode="sparse",
             sim_backend="physx_cpu",
             render_backend=render_backend,
+            robot_uids=robot_uids,
             **kwargs,
         )
         # Building the world and drawing the first frame, which compiles shaders, are no part of a decision.
@@ -111,8 +118,15 @@ class DecisionEnv(BaseEnv):
     # -- ManiSkill's side ----------------------------------------------------------------------------------------------
 
     def control_step(self, action: Any = None) -> None:
-        """One control step of the agent: ManiSkill's own step, without observation and reward."""
-        super()._step_action(action)
+        """One control step: ManiSkill's own step, without observation and reward.
+
+        Args:
+            action: ``[1, n]``, of the robot's controller; None (and always where there is no robot): time goes by.
+        """
+        if action is not None:
+            # To the controller itself: the agent's check for NaN makes numpy warn of torch's tensors at every step.
+            self.agent.controller.set_action(torch.as_tensor(action, dtype=torch.float32))
+        super()._step_action(None)
         self._control_steps += 1
         if self.render_mode == "rgb_array" and self._control_steps % self._steps_per_frame == 0:
             self.frames.append(self.render_rgb_array()[0].numpy().copy())
@@ -128,6 +142,8 @@ class DecisionEnv(BaseEnv):
 
     def _step_action(self, action: Any) -> torch.Tensor:
         point = np.asarray(action, dtype=np.float64).reshape(3)
+        if not np.isfinite(point).all():
+            raise ValueError(f"an action is a point of three finite numbers (m), not {point.tolist()}")
         start = time.perf_counter()
         self.frames, self._control_steps = [], 0
         available = self.highest_reward()
@@ -156,6 +172,13 @@ class DecisionEnv(BaseEnv):
         observation = super().get_obs(*args, **kwargs)
         self.seconds["render"] += time.perf_counter() - start
         return observation
+
+    def _get_obs_agent(self) -> dict[str, Any]:
+        return super()._get_obs_agent() if self.agent is not None else {}
+
+    def get_state_dict(self) -> dict[str, Any]:
+        """ManiSkill's state of the simulation, and of the robot's controller where there is a robot."""
+        return super().get_state_dict() if self.agent is not None else self.scene.get_sim_state()
 
     def evaluate(self) -> dict[str, torch.Tensor]:
         """The last decision's outcome as named tensors, for reward, observation and info alike."""
