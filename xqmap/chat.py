@@ -78,6 +78,8 @@ def _say(dialogue: Dialogue, question: str) -> Exchange:
         print(f"({exchange.failure}; from the numbers alone:)")
     if exchange.source == "template":
         print(exchange.answer)
+    elif "".join(streamed).strip() != exchange.answer:
+        print(f"(so far the model thought; its answer:)\n{exchange.answer}")
     if exchange.ungrounded:
         print(f"(careful: not in this decision: {', '.join(exchange.ungrounded)})")
     return exchange
