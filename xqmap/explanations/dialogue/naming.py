@@ -8,7 +8,8 @@ import difflib
 import re
 from collections.abc import Iterable
 
-from xqmap.explanations.decision import SELECTED, Candidate, Decision
+from xqmap.explanations.candidate import SELECTED, Candidate
+from xqmap.explanations.decision import Decision
 
 # Words that describe no thing.
 _PLAIN = frozenset(

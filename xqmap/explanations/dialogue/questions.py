@@ -7,7 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from xqmap.explanations.decision import SELECTED, Candidate, Decision
+from xqmap.explanations.candidate import SELECTED, Candidate
+from xqmap.explanations.decision import Decision
 from xqmap.explanations.dialogue.naming import COLORS, missing, named, plain, respelled
 
 # How each kind of question is recognised, in the order in which they are tried.

@@ -20,7 +20,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from xqmap.explanations.decision import SELECTED, Decision
+from xqmap.explanations.candidate import SELECTED
+from xqmap.explanations.decision import Decision
 from xqmap.explanations.views.marks import mark
 from xqmap.explanations.views.sentences import number, signed
 from xqmap.runs.checkpoint import replacing
