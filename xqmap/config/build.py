@@ -157,8 +157,10 @@ def _trusted(settings: Any, where: str, offers: str, **extra: Any) -> Any:
     try:
         return instantiate(content, **extra, _convert_="all", _recursive_=False)
     except InstantiationException as error:
-        if isinstance(error.__cause__, ValueError | TypeError | OverflowError):
-            raise UserError(f"{where}: {error.__cause__}") from None
+        cause = error.__cause__
+        if isinstance(cause, ValueError | TypeError | OverflowError):
+            # An error that says which setting it is about (``setting``) begins with that setting's name.
+            raise UserError(f"{where}{'.' if hasattr(cause, 'setting') else ': '}{cause}") from None
         raise
 
 
