@@ -104,7 +104,7 @@ class OpenAICompatible:
                 base_url=base_url, api_key=key or "none", timeout=timeout, max_retries=int(retries)
             )
         except OSError as error:
-            certificates = [name for name in ("SSL_CERT_FILE", "SSL_CERT_DIR") if os.environ.get(name)]
+            certificates = [f"{n}={os.environ[n]}" for n in ("SSL_CERT_FILE", "SSL_CERT_DIR") if os.environ.get(n)]
             raise UserError(
                 f"{' or '.join(certificates) or 'the certificate store'} cannot be read ({brief(error)}): "
                 "give a file of certificates, or unset the variable"
