@@ -17,7 +17,7 @@ from omegaconf import DictConfig, OmegaConf
 from torch import Tensor
 
 from xqmap import doctor
-from xqmap.config import cli, schema
+from xqmap.config import arguments, cli, schema
 from xqmap.errors import Stopped, UserError
 from xqmap.evaluation import sheets, sweeps
 from xqmap.runs import checkpoint, commands, locks
@@ -42,7 +42,8 @@ def train(cfg: DictConfig) -> float:
         directory, sweep = Path(HydraConfig.get().runtime.output_dir), HydraConfig.get().mode == RunMode.MULTIRUN
         if not sweep and ((directory / checkpoint.POLICY).exists() or checkpoint.trainings(directory)):
             raise UserError(
-                f"{directory} already holds a run: choose another hydra.run.dir or go on with resume={directory}"
+                f"{directory} already holds a run: choose another hydra.run.dir or go on with "
+                + arguments.setting("resume", directory)
             )
     schema.validate(cfg)
     sheets.chosen(cfg.task.name, cfg.sheets)
@@ -94,7 +95,7 @@ def _train(cfg: DictConfig, directory: Path, saved: Saved | None) -> None:
         if not trainer.saved_frames:
             return "nothing was saved yet"
         sweep = HydraConfig.get().mode == RunMode.MULTIRUN
-        command = "the same command" if sweep else f"python -m xqmap.train resume={directory}"
+        command = "the same command" if sweep else arguments.command("train", resume=directory)
         return f"go on from decision {trainer.saved_frames} with: {command}"
 
     try:

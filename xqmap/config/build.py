@@ -14,6 +14,7 @@ from hydra.errors import InstantiationException
 from hydra.utils import instantiate
 from omegaconf import DictConfig, OmegaConf
 
+from xqmap.config import schema
 from xqmap.data.replay import Replay
 from xqmap.data.samplers import PrioritySampler
 from xqmap.envs.maniskill import ManiSkillEnv
@@ -120,7 +121,12 @@ def loss(cfg: DictConfig, network: QMaps) -> DecomposedDQNLoss:
 
 
 def language_model(settings: DictConfig) -> LanguageModel | None:
-    """What answers beside the templates: None for ``llm=template``."""
+    """What answers beside the templates: None for ``llm=template``.
+
+    Raises:
+        UserError: naming the setting that is unknown, or that no server can be asked with.
+    """
+    settings = schema.language_model(settings)
     if settings.name == "template":
         return None
     return OpenAICompatible(**{str(name): value for name, value in settings.items() if name != "name"})
@@ -151,8 +157,10 @@ def _trusted(settings: Any, where: str, offers: str, **extra: Any) -> Any:
     try:
         return instantiate(content, **extra, _convert_="all", _recursive_=False)
     except InstantiationException as error:
-        if isinstance(error.__cause__, ValueError | TypeError | OverflowError):
-            raise UserError(f"{where}: {error.__cause__}") from None
+        cause = error.__cause__
+        if isinstance(cause, ValueError | TypeError | OverflowError):
+            # An error that says which setting it is about (``setting``) begins with that setting's name.
+            raise UserError(f"{where}{'.' if hasattr(cause, 'setting') else ': '}{cause}") from None
         raise
 
 

@@ -119,6 +119,19 @@ class Logger:
 
 
 @dataclass
+class LanguageModel:
+    name: str = _one_of("openai", "template")
+    base_url: str | None = MISSING
+    model: str | None = MISSING
+    temperature: float | None = _bounded(0, 2)
+    timeout: float = _bounded(0, 86_400, above=True)
+    longest: float = _bounded(0, 86_400, above=True)
+    retries: int = _bounded(0, 100)
+    max_tokens: int | None = _bounded(1, 10**6)
+    max_completion_tokens: int | None = _bounded(1, 10**6)
+
+
+@dataclass
 class Schema:
     """The whole configuration of a training."""
 
@@ -160,6 +173,22 @@ def typed(cfg: DictConfig | ListConfig) -> DictConfig:
             f"these settings{place} do not fit this version of xqmap: {str(error).splitlines()[0]}"
         ) from None
     assert isinstance(merged, DictConfig)
+    return merged
+
+
+def language_model(settings: DictConfig) -> DictConfig:
+    """The settings of ``conf/llm`` with types.
+
+    Raises:
+        UserError: naming the first setting that is unknown, or whose type or range is not the schema's.
+    """
+    try:
+        merged = OmegaConf.merge(OmegaConf.structured(LanguageModel), settings)
+    except OmegaConfBaseException as error:
+        raise UserError(f"llm.{getattr(error, 'full_key', '')}: {str(error).splitlines()[0]}") from None
+    assert isinstance(merged, DictConfig)
+    if merged.name != "template":
+        _check(LanguageModel, merged, "llm.")
     return merged
 
 

@@ -27,7 +27,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
 
-from xqmap.config import schema
+from xqmap.config import arguments, schema
 from xqmap.errors import UserError
 from xqmap.models.policy import GreedyPolicy
 
@@ -210,7 +210,8 @@ def read_training(place: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
     except UserError as error:
         if len(kept) == 1:
             raise
-        raise UserError(f"{error}, or go on from the checkpoint before it: resume={kept[1]}") from None
+        before = arguments.setting("resume", kept[1])
+        raise UserError(f"{error}, or go on from the checkpoint before it: {before}") from None
 
 
 def prune(directory: Path, frames: int, keep: int) -> None:

@@ -204,3 +204,6 @@ _ANSWERS: dict[str, Callable[[Question, Decision, Mapping[str, Any]], Answer]] =
     "what_if": _what_if,
     "q_value": _q_value,
 }
+
+# How a question can be taken.
+KINDS = (*_ANSWERS, "unknown")
