@@ -298,7 +298,6 @@ def test_candidates_are_the_argmaxima_of_allowed_cells(count: int, seed: int) ->
             )
         assert pooled.overall == pytest.approx(float(weighted.sum(0)[inside].max()), rel=1e-5)
     plots.qmaps(decision)
-    plots.plt.close("all")
     by_object = Decision.from_policy(Policy(maps, weights), state, scene, task="toy", components=names, level="object")
     assert by_object.selected.pixel == decision.selected.pixel
     for name, candidate in zip(names, by_object.alternatives, strict=True):

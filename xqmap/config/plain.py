@@ -50,6 +50,6 @@ def read(path: Path, inside: Path | None = None) -> Any:
                 raise UserError(f"{path}: more settings than any training has")
             if isinstance(event, yaml.AliasEvent) or getattr(event, "tag", None):
                 raise UserError(f"{path}: aliases and types of yaml's are no settings")
-        return yaml.load(content, _Loader)
+        return _Loader(content).get_single_data()
     except (yaml.YAMLError, ValueError, TypeError) as error:
         raise UserError(f"{path}: not yaml ({brief(error, 80)})") from None
