@@ -11,7 +11,7 @@ from omegaconf import DictConfig
 from xqmap import doctor
 from xqmap.config import cli, schema
 from xqmap.errors import UserError
-from xqmap.files import write_atomically
+from xqmap.files import require_place, write_atomically
 
 
 def bench(cfg: DictConfig) -> None:
@@ -28,6 +28,8 @@ def bench(cfg: DictConfig) -> None:
         raise UserError(f"what={unknown.pop()} is not one of {', '.join(known)}, all")
     if cfg.rounds is not None and not (isinstance(cfg.rounds, int) and cfg.rounds > 0):
         raise UserError(f"rounds={cfg.rounds} must be a whole number above 0")
+    if cfg.out is not None:
+        require_place(Path(cfg.out))
     settings = compose("config", [f"+task={cfg.task_name}", *cfg.settings])
     schema.validate(settings)
     doctor.require_rendering()

@@ -21,6 +21,7 @@ import torch
 from omegaconf import DictConfig
 from tensordict.nn import TensorDictSequential
 
+from tests.toy import trusted_env
 from tests.trainers.test_training import train
 from xqmap.collectors import collect
 from xqmap.config import build
@@ -32,12 +33,6 @@ from xqmap.trainers.trainer import Trainer
 
 pytestmark = [pytest.mark.sim, pytest.mark.usefixtures("trust_toy"), pytest.mark.filterwarnings("ignore")]
 make_env = build.make_env
-
-
-def trusted_env(cfg: DictConfig, first_scene: int) -> Any:
-    """Runs in the worker, where no fixture reaches."""
-    build.TRUSTED = (*build.TRUSTED, "tests.")
-    return make_env(cfg, first_scene)()
 
 
 def failing_env(cfg: DictConfig, first_scene: int) -> Any:
