@@ -20,13 +20,11 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-import conf
-from xqmap.config import arguments, schema
+from xqmap.config import arguments, plugins, schema
 from xqmap.errors import Stopped, UserError
 
 # Hydra's own short message would be followed by advice to set this; we print one line ourselves.
 os.environ.setdefault("HYDRA_FULL_ERROR", "1")
-CONF = str(Path(conf.__path__[0]).resolve())
 
 
 def main(config_name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[], None]]:
@@ -62,7 +60,7 @@ def main(config_name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[
             signal.signal(signal.SIGTERM, _terminate)
             try:
                 sys.argv = [sys.argv[0], *arguments.literal(sys.argv[1:])]
-                hydra.main(version_base=None, config_path=CONF, config_name=config_name)(guarded)()
+                hydra.main(version_base=None, config_path=str(plugins.CONF), config_name=config_name)(guarded)()
                 for error in failed:
                     raise error
             except Stopped as error:

@@ -19,7 +19,7 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf
 from tqdm import tqdm
 
-from xqmap.config import build, schema
+from xqmap.config import schema
 from xqmap.runs import checkpoint
 from xqmap.trainers.trainer import Trainer
 
@@ -31,21 +31,17 @@ FILES = ("policy", "best", "training")
 SABOTAGES = tuple((stage, file) for stage in STAGES for file in FILES)
 
 
-def attempt(
-    settings: dict[str, Any], directory: str, trusted: tuple[str, ...], sabotage: tuple[str, str] | None = None
-) -> None:
+def attempt(settings: dict[str, Any], directory: str, sabotage: tuple[str, str] | None = None) -> None:
     """Trains in ``directory``, or goes on there, to the end, in this process.
 
     Args:
         settings: a training's, as plain values.
         directory: the run directory.
-        trusted: packages a task may come from.
         sabotage: stage and file of a checkpoint at which this process kills itself; None lets it be.
     """
     logging.getLogger("torchrl").setLevel(logging.WARNING)
     place = Path(directory)
     place.mkdir(parents=True, exist_ok=True)
-    build.TRUSTED = trusted  # type: ignore[assignment]
     if sabotage is not None:
         _die_at(*sabotage)
     with open(place.with_suffix(".log"), "a") as log, contextlib.redirect_stderr(log):
@@ -82,7 +78,7 @@ def training(cfg: DictConfig, directory: Path, sabotage: tuple[str, str] | None 
     # Imported once, in a process without threads that the attempts are forked from.
     context.set_forkserver_preload(["xqmap.trainers.trainer", "xqmap.benchmarks.robustness.interruptions"])
     settings = OmegaConf.to_container(cfg, resolve=True)
-    process = context.Process(target=attempt, args=(settings, str(directory), build.TRUSTED, sabotage))
+    process = context.Process(target=attempt, args=(settings, str(directory), sabotage))
     process.start()
     try:
         yield process
