@@ -53,22 +53,19 @@ def attempt(settings: dict[str, Any], directory: str, sabotage: tuple[str, str] 
 
 
 def _die_at(stage: str, file: str) -> None:
-    save, replace = checkpoint.save_file, os.replace
+    replace = os.replace
 
-    def half(tensors: Any, path: Path, metadata: Any) -> None:
-        save(tensors, path, metadata)
-        if path.name.startswith(file):
-            if stage == "half":
-                os.truncate(path, path.stat().st_size // 2)
-            if stage != "moved":
-                os.kill(os.getpid(), signal.SIGKILL)
+    def replaced(source: Any, target: Any) -> None:
+        if not (Path(target).name.startswith(file) and Path(target).suffix == ".safetensors"):
+            replace(source, target)
+            return
+        if stage == "half":
+            os.truncate(source, os.stat(source).st_size // 2)
+        if stage == "moved":
+            replace(source, target)
+        os.kill(os.getpid(), signal.SIGKILL)
 
-    def moved(source: Any, target: Any) -> None:
-        replace(source, target)
-        if stage == "moved" and Path(target).name.startswith(file) and Path(target).suffix == ".safetensors":
-            os.kill(os.getpid(), signal.SIGKILL)
-
-    checkpoint.save_file, os.replace = half, moved  # type: ignore[assignment]
+    os.replace = replaced  # type: ignore[assignment]
 
 
 @contextlib.contextmanager
@@ -124,7 +121,7 @@ def kill_at_random(cfg: DictConfig, directory: Path, rng: random.Random, seconds
 def unharmed(directory: Path) -> int:
     """Bytes of files under their final names that do not read back whole: 0, if writing is atomic."""
     lost = 0
-    for path in (directory / checkpoint.POLICY).parent.glob("*.safetensors"):
+    for path in (directory / checkpoint.POLICY).parent.glob("[!.]*.safetensors"):
         try:
             checkpoint.read(path)
         except Exception:
