@@ -3,9 +3,21 @@ numbers.
 """
 
 import os
+from typing import Any
 
 from xqmap import matplotlib_import  # noqa: F401 (before anything else imports matplotlib)
 
 # Idle OpenMP threads that spin take the processor from the simulator and from other programs; beside one busy neighbour
 # on two processors an update was ten times slower with spinning. Has to be set before torch is imported.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+
+__all__ = ["ask", "decide", "learn", "load", "make_env", "play", "rewards", "settings", "show", "why"]
+
+
+def __getattr__(name: str) -> Any:
+    if name in __all__:
+        # Late: torchrl takes seconds, and a command that only reads a decision needs none of it.
+        from xqmap import api
+
+        return getattr(api, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

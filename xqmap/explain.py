@@ -9,6 +9,7 @@ from pathlib import Path
 from omegaconf import DictConfig
 from tqdm import tqdm
 
+from xqmap.api import why
 from xqmap.config import cli
 from xqmap.errors import UserError
 from xqmap.explanations import Decision
@@ -39,7 +40,7 @@ def explain(cfg: DictConfig) -> None:
     for decision in decisions:
         print(
             f"\nDecision {decision.step + 1}: {decision.selected.object}" if len(decisions) > 1 else "",
-            text(decision),
+            why(decision),
             sep="\n",
         )
     print(f"\nwrote {len(written)} files to {out}: {', '.join(sorted({path.name for path in written}))}")
@@ -65,7 +66,7 @@ def write(decision: Decision, folder: Path) -> list[Path]:
     html = page([decision], conversation(decision, folder))
     folder.mkdir(parents=True, exist_ok=True)
     written = [*decision.save(folder / "decision.json"), folder / "explanation.txt", folder / "explanation.html"]
-    write_atomically(folder / "explanation.txt", (text(decision) + "\n").encode())
+    write_atomically(folder / "explanation.txt", (why(decision) + "\n").encode())
     write_atomically(folder / "explanation.html", html.encode())
     if decision.maps is None:
         print("qmaps are not drawn: there are no maps (decision.npz) beside the decision file")
@@ -79,12 +80,6 @@ def write(decision: Decision, folder: Path) -> list[Path]:
 def conversation(decision: Decision, folder: Path) -> list[tuple[str, str]]:
     """What was asked about this decision (``dialogue.json``, left there by ``python -m xqmap.chat``), or an excerpt."""
     return saved_conversation(folder / "dialogue.json", decision) or excerpt(decision)
-
-
-def text(decision: Decision) -> str:
-    """The sentences, one a line."""
-    said = decision.sentences()
-    return "\n".join([said["shallow"], *said["contrastive"], said["robustness"]])
 
 
 main = cli.main("explain")(explain)

@@ -98,6 +98,20 @@ def perceptions() -> frozenset[str]:
     return frozenset(name for name in named if isinstance(name, str)) | frozenset(_classes().values())
 
 
+def perception(name: str) -> dict[str, Any]:
+    """The settings of an installed perception.
+
+    Raises:
+        UserError: if there is none of that name.
+    """
+    if path := find("explain", "perception", f"{name}.yaml"):
+        return _read(path)
+    if name not in _classes():
+        known = sorted({*stems("explain", "perception"), *_classes()})
+        raise UserError(f"perception={name!r} is not installed: one of {', '.join(known)}")
+    return {"_target_": _classes()[name]}
+
+
 def load(target: str) -> Any:
     """The class ``package.module.Class`` that an installed package names.
 

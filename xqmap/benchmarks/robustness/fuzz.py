@@ -19,6 +19,7 @@ from omegaconf import DictConfig, OmegaConf
 from tqdm import tqdm
 
 from xqmap import explain, report
+from xqmap.api import why
 from xqmap.config import cli, plugins, schema
 from xqmap.explanations import Decision
 from xqmap.explanations.dialogue.conversation import Dialogue
@@ -223,7 +224,7 @@ def decisions(folder: Path, cases: int) -> dict[str, int]:
         nonlocal taken
         decision = Decision.load(path)
         json.dumps(decision.to_dict(), allow_nan=False)
-        explain.text(decision)
+        why(decision)
         dialogue = Dialogue(decision, wording_for(decision.task))
         for question in _ASKED:
             dialogue.ask(question)
