@@ -13,6 +13,7 @@
 | ``reward_components`` | [K] | the sub-rewards r_k |
 | ``reward_available`` | [1] | the highest R any action would have had: evaluation only |
 | ``priority_weight`` | [] | of prioritised replay: how much a sampled transition counts |
+| ``side`` | [] int64 | of a sampled transition: the element of D4 that its maps are turned by |
 | ``td_error`` | [] | its absolute TD errors, summed over k, as the loss found them |
 """
 
@@ -27,6 +28,7 @@ REWARD = "reward"
 REWARD_COMPONENTS = "reward_components"
 REWARD_AVAILABLE = "reward_available"
 PRIORITY_WEIGHT = "priority_weight"
+SIDE = "side"
 TD_ERROR = "td_error"
 DONE = "done"
 TERMINATED = "terminated"

@@ -18,7 +18,6 @@ from tests.toy import PATCHES, exact_values
 from xqmap.models.qmaps import QMaps
 from xqmap.models.unet import LocalGeometry, UNet
 from xqmap.objectives import DecomposedDQNLoss
-from xqmap.objectives.windows import can_window, crop
 
 pytestmark = pytest.mark.filterwarnings("ignore:No target network updater")
 STATES, ACTIONS = 6, 5
@@ -269,78 +268,41 @@ def test_target_moves_only_by_its_updater() -> None:
     assert torch.equal(loss.target_value_network_params["values"], loss.value_network_params["values"])
 
 
-# -- windows
-# ---------------------------------------------------------------------------------------------------------------
+# -- maps ----------------------------------------------------------------------------------------------------------
 
 
-def qmaps(width: int = 4, depth: int = 2) -> QMaps:
+def qmaps(width: int = 4, depth: int = 2, network: type[QMaps] = QMaps) -> QMaps:
     stem = LocalGeometry(0.1, 1.0, [3, 5], 5, 5.0)
-    return QMaps(["a", "b"], stem, lambda channels: UNet(channels, width, depth))
+    return network(["a", "b"], stem, lambda channels: UNet(channels, width, depth))
 
 
-def pixels(rows: int, columns: int, corners: bool = True) -> torch.Tensor:
-    where = [
-        (r, c) for r in (0, 1, rows // 2, rows - 2, rows - 1) for c in (0, 1, columns // 2, columns - 2, columns - 1)
-    ]
-    return torch.tensor([r * columns + c for r, c in where])
+class Dense(QMaps):
+    """The same maps; made from another class, they are computed whole."""
 
 
-@pytest.mark.parametrize(
-    ("rows", "columns", "depth"), [(84, 84, 2), (64, 100, 1), (101, 90, 2), (84, 76, 3), (40, 44, 0), (20, 20, 2)]
-)
-def test_windows_give_the_dense_loss_and_gradient(rows: int, columns: int, depth: int) -> None:
-    torch.manual_seed(10)
-    network = qmaps(depth=depth)
-    action = pixels(rows, columns)
+def between_maps(rows: int, columns: int, action: torch.Tensor) -> TensorDict:
+    """Transitions between random heightmaps, none of them the last."""
     count = len(action)
+    over = torch.zeros(count, 1, dtype=torch.bool)
     following = {"heightmap": torch.rand(count, 4, rows, columns), "reward_components": torch.rand(count, 2)}
-    following |= {
-        "done": torch.zeros(count, 1, dtype=torch.bool),
-        "terminated": torch.zeros(count, 1, dtype=torch.bool),
-    }
-    batch = TensorDict(
-        {"heightmap": torch.rand(count, 4, rows, columns), "action": action, "next": following}, batch_size=[count]
-    )
+    state = {"heightmap": torch.rand(count, 4, rows, columns), "action": action}
+    return TensorDict({**state, "next": {**following, "done": over, "terminated": over}}, [count])
+
+
+@pytest.mark.parametrize("settings", [{}, {"double_dqn": False}, {"shared_argmax": False}])
+def test_the_cells_that_count_give_the_whole_maps_loss_and_gradient(settings: dict[str, Any]) -> None:
+    torch.manual_seed(10)
+    batch = between_maps(53, 60, torch.randint(53 * 60, (12,)))
     results = []
-    for windowed in (False, True):
-        loss = make_loss(network, ["a", "b"], windowed=windowed)
+    for kind in (Dense, QMaps):
+        torch.manual_seed(11)
+        loss = make_loss(qmaps(network=kind), ["a", "b"], **settings)
+        assert loss.has_cone == (kind is QMaps)
         out = loss(batch.clone())
         (out["loss_a"] + out["loss_b"]).backward()
-        gradients = {name: p.grad.clone() for name, p in loss.named_parameters() if p.grad is not None}
-        loss.zero_grad()
+        gradients = {name: p.grad for name, p in loss.named_parameters() if p.grad is not None}
         results.append((out["loss_a"].detach(), gradients))
-    (dense, dense_gradients), (window, window_gradients) = results
-    assert torch.allclose(dense, window, atol=1e-5)
-    assert dense_gradients.keys() == window_gradients.keys() and dense_gradients
-    assert all(torch.allclose(dense_gradients[n], window_gradients[n], atol=1e-5) for n in dense_gradients)
-
-
-@pytest.mark.parametrize("depth", [0, 1, 2, 3])
-def test_radius_is_what_the_gradient_reaches(depth: int) -> None:
-    torch.manual_seed(11)
-    network = qmaps(depth=depth)
-    size = 16 * 2**depth
-    reached = 0
-    for row in range(size // 2, size // 2 + network.stride):
-        image = torch.rand(1, 4, size, size, requires_grad=True)
-        features = network.stem(image)
-        value = torch.cat([unet(features) for unet in network.unets], 1)[0, :, row, size // 2].sum()
-        touched = torch.autograd.grad(value, image)[0].abs().sum((0, 1, 3)).nonzero()
-        reached = max(reached, row - int(touched.min()), int(touched.max()) - row)
-    assert reached <= network.radius
-    assert reached >= network.radius - 2**depth
-
-
-def test_windows_are_small() -> None:
-    image, action = torch.rand(3, 4, 320, 160), torch.tensor([0, 25_000, 51_199])
-    windows, inside = crop(image, action, radius=27, stride=4)
-    assert windows.shape == (3, 4, 60, 60)
-    assert torch.equal(windows.flatten(2)[torch.arange(3), :, inside], image.flatten(2)[torch.arange(3), :, action])
-
-
-def test_normalisation_over_the_image_is_refused() -> None:
-    network = qmaps()
-    network.unets[0].head = nn.Sequential(nn.BatchNorm2d(4), network.unets[0].head)
-    assert not can_window(network)
-    with pytest.raises(ValueError, match=r"loss\.windowed=false"):
-        DecomposedDQNLoss(network, components=["a", "b"], windowed=True)
+    (dense, dense_gradients), (cone, cone_gradients) = results
+    assert torch.allclose(dense, cone, atol=1e-5)
+    assert dense_gradients.keys() == cone_gradients.keys() and dense_gradients
+    assert all(torch.allclose(dense_gradients[n], cone_gradients[n], atol=1e-5) for n in dense_gradients)

@@ -18,10 +18,11 @@ from torchrl.data.postprocs import MultiStep
 from torchrl.envs.transforms import MultiStepTransform
 from torchrl.objectives import ValueEstimators
 
-from tests.objectives.test_decomposed_dqn import ACTIONS, STATES, Table, make_loss, qmaps, transitions
+from tests.objectives.test_decomposed_dqn import ACTIONS, STATES, Dense, Table, make_loss, qmaps, transitions
 from tests.toy import ToyTask
 from xqmap.envs.maniskill import ManiSkillEnv
 from xqmap.models.policy import GreedyPolicy
+from xqmap.models.qmaps import QMaps
 from xqmap.objectives import DecomposedDQNLoss
 
 pytestmark = pytest.mark.filterwarnings("ignore:No target network updater")
@@ -195,7 +196,7 @@ def test_renamed_keys_reach_the_estimator() -> None:
 # -- maps ----------------------------------------------------------------------------------------------------------
 
 
-def scenes(count: int = 4, rows: int = 24, columns: int = 20) -> TensorDict:
+def scenes(count: int = 4, rows: int = 48, columns: int = 44) -> TensorDict:
     """Transitions between heightmaps; every second one is the last."""
     torch.manual_seed(3)
     over = (torch.arange(count) % 2 == 1)[:, None]
@@ -204,10 +205,10 @@ def scenes(count: int = 4, rows: int = 24, columns: int = 20) -> TensorDict:
     return TensorDict({**state, "next": {**following, "done": over, "terminated": over}}, [count])
 
 
-@pytest.mark.parametrize("windowed", [False, True])
+@pytest.mark.parametrize("network", [Dense, QMaps])
 @pytest.mark.parametrize("lead", [(1, 4), (2, 2), (4, 1), (2, 1, 2)])
-def test_any_batch_is_the_flat_one(lead: tuple[int, ...], windowed: bool) -> None:
-    loss, batch = make_loss(qmaps(), NAMES, windowed=windowed), scenes()
+def test_any_batch_is_the_flat_one(lead: tuple[int, ...], network: type[QMaps]) -> None:
+    loss, batch = make_loss(qmaps(network=network), NAMES), scenes()
     shaped = batch.reshape(lead)
     expected, found = loss(batch), loss(shaped)
     assert torch.allclose(expected["loss_a"], found["loss_a"], atol=1e-6)
@@ -222,10 +223,10 @@ def test_returns_run_along_the_last_axis_of_a_batch() -> None:
     assert torch.allclose(together, torch.stack([loss._targets(row) for row in batch]), atol=1e-6)
 
 
-@pytest.mark.parametrize("windowed", [False, True])
-def test_precision_of_module_and_batch_are_free(windowed: bool) -> None:
+@pytest.mark.parametrize("network", [Dense, QMaps])
+def test_precision_of_module_and_batch_are_free(network: type[QMaps]) -> None:
     torch.manual_seed(0)
-    loss, batch = make_loss(qmaps(), NAMES, windowed=windowed), scenes()
+    loss, batch = make_loss(qmaps(network=network), NAMES), scenes()
     expected = loss(batch)["loss_a"]
     assert torch.allclose(loss(batch.to(torch.float64))["loss_a"], expected, atol=1e-5)
     half = batch.to(torch.float16).set("action", batch["action"])
@@ -296,7 +297,7 @@ def test_n_step_batches_of_a_collector_go_through_the_loss(toy_config: Callable[
     collector.shutdown()
     rewards, (first, second) = batch["next", "original_reward"], batch["steps_to_next_obs"][:2].tolist()
     assert (first, second) == (2, 1)
-    loss = make_loss(policy.qmaps, NAMES, windowed=True)
+    loss = make_loss(policy.qmaps, NAMES)
     targets = loss._targets(batch)
     assert torch.allclose(targets[:2], torch.stack((rewards[0] + 0.9 * rewards[1], rewards[1])))
     assert torch.isfinite(loss(batch)["loss_b"])

@@ -77,12 +77,12 @@ def test_every_method_trains_evaluates_and_leaves_what_it_should(
     assert float(rows[-1]["updates"]) > 0
 
 
+@pytest.mark.parametrize("choice_period", [1, 50])
 def test_an_agent_of_the_toy_world_finds_the_best_patch(
-    toy_config: Callable[..., DictConfig], run_directory: Path
+    toy_config: Callable[..., DictConfig], run_directory: Path, choice_period: int
 ) -> None:
-    cfg = toy_config(
-        "trainer.frames=240", "trainer.updates_per_frame=1", "trainer.batch_size=16", "exploration.annealing_frames=160"
-    )
+    budget = ["trainer.frames=240", "trainer.updates_per_frame=1", "trainer.batch_size=16"]
+    cfg = toy_config(*budget, "exploration.annealing_frames=160", f"trainer.choice_period={choice_period}")
     train(cfg, run_directory)
     run = load_run(run_directory)
     env = build.make_env(cfg, 0)()
@@ -130,9 +130,9 @@ def test_a_preference_changes_what_is_learned_and_what_counts_as_best(
     assert float(out["chosen_component_value"][0]) < 1.5
 
 
-@pytest.mark.parametrize("replay", ["uniform", "prioritized"])
+@pytest.mark.parametrize(("replay", "choice_period"), [("uniform", 1), ("prioritized", 1), ("uniform", 7)])
 def test_a_run_that_was_interrupted_ends_like_one_that_was_not(
-    toy_config: Callable[..., DictConfig], tmp_path: Path, replay: str
+    toy_config: Callable[..., DictConfig], tmp_path: Path, replay: str, choice_period: int
 ) -> None:
     # Three decisions a batch and two an episode: most checkpoints lie in the middle of an episode.
     settings = [
@@ -141,7 +141,7 @@ def test_a_run_that_was_interrupted_ends_like_one_that_was_not(
         "replay.capacity=30",
         "collector.frames_per_batch=3",
     ]
-    cfg = toy_config(f"replay={replay}", *settings)
+    cfg = toy_config(f"replay={replay}", f"trainer.choice_period={choice_period}", *settings)
     train(cfg, tmp_path / "whole")
 
     (tmp_path / "part").mkdir()

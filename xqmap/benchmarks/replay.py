@@ -32,14 +32,9 @@ def replay(cfg: DictConfig, see: DictConfig, rounds: int) -> dict[str, Any]:
         if not gamma:
             # Nothing follows: the update looks at no next state.
             batch["next", keys.TERMINATED] = torch.ones(BATCH, 1, dtype=torch.bool)
-        step = stepping(
-            changed,
-            build.qmaps(changed, pixel_size).cpu(),
-            True,
-            build.bf16(changed),
-            TensorDict(batch.to_dict(), [BATCH]),
-        )
-        sample, update = alternating(memory.sample, step, rounds)
+        network = build.qmaps(changed, pixel_size).cpu()
+        step = stepping(changed, network, build.bf16(changed), TensorDict(batch.to_dict(), [BATCH]))
+        sample, update = alternating(memory.sample, step, rounds=rounds)
         found |= {f"bytes/gamma={gamma:g}": memory.nbytes / len(memory), f"sample_s/gamma={gamma:g}": sample}
         found |= {f"update_s/gamma={gamma:g}": update, f"share/gamma={gamma:g}": sample / (sample + update)}
     most = {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import statistics
+import sys
 import time
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -32,21 +33,25 @@ from xqmap.models.policy import GreedyPolicy
 from xqmap.models.qmaps import QMaps
 from xqmap.models.unet import UNet
 from xqmap.objectives import DecomposedDQNLoss
+from xqmap.objectives.kept import Kept
 
 # The tabletop of Ravens: the larger of the two maps.
 ROWS, COLUMNS, BATCH, PIXEL_SIZE = 320, 160, 16, 0.003125
+# Settings of trainer.choice_period to compare.
+CHOICE_PERIODS = (1, 100)
 
 
-def alternating(first: Callable[[], Any], second: Callable[[], Any], rounds: int) -> tuple[float, float]:
-    """Median seconds of two functions, called in turn after one call each to warm up."""
-    seconds: tuple[list[float], list[float]] = ([], [])
-    first(), second()
+def alternating(*functions: Callable[[], Any], rounds: int) -> list[float]:
+    """Median seconds of each function, called in turn after one call each to warm up."""
+    seconds: list[list[float]] = [[] for _ in functions]
+    for function in functions:
+        function()
     for _ in tqdm(range(rounds), unit="round", desc="measuring"):
-        for function, taken in ((first, seconds[0]), (second, seconds[1])):
+        for function, taken in zip(functions, seconds, strict=True):
             start = time.perf_counter()
             function()
             taken.append(time.perf_counter() - start)
-    return statistics.median(seconds[0]), statistics.median(seconds[1])
+    return [statistics.median(taken) for taken in seconds]
 
 
 def transitions(cfg: DictConfig, rows: int = ROWS, columns: int = COLUMNS) -> TensorDict:
@@ -62,12 +67,15 @@ def transitions(cfg: DictConfig, rows: int = ROWS, columns: int = COLUMNS) -> Te
         keys.TERMINATED: done,
     }
     state = {keys.HEIGHTMAP: images[0], keys.ACTION: torch.randint(rows * columns, (BATCH,)), "next": following}
+    state |= {"index": torch.arange(BATCH), keys.SIDE: torch.zeros(BATCH, dtype=torch.int64)}
     return TensorDict(state, batch_size=[BATCH])
 
 
-def stepping(cfg: DictConfig, network: QMaps, windowed: bool, bf16: bool, batch: TensorDict) -> Callable[[], None]:
+def stepping(
+    cfg: DictConfig, network: QMaps, bf16: bool, batch: TensorDict, kept: Kept | None = None
+) -> Callable[[], None]:
     """One gradient step, as the trainer makes it."""
-    loss = DecomposedDQNLoss(network, components=cfg.method.components, windowed=windowed)
+    loss = DecomposedDQNLoss(network, components=cfg.method.components, kept=kept)
     loss.set_keys(reward=cfg.method.reward_key)
     loss.make_value_estimator(gamma=0.9)
     HardUpdate(loss, value_network_update_interval=cfg.trainer.target_period)
@@ -115,32 +123,58 @@ def taking(call: Callable[[], Any], rounds: int) -> float:
 
 
 def update(cfg: DictConfig, see: DictConfig, rounds: int) -> dict[str, Any]:
-    """One gradient step: full maps in fp32, contiguous, net after net, against windows, channels-last and (where
-    native) bf16.
+    """One gradient step: full maps in fp32, contiguous, net after net, against cones, channels-last, in fp32 and (where
+    native) bf16; where nothing follows (γ = 0), with the next action chosen anew, and with it kept.
     """
     torch.manual_seed(0)
-    batch, bf16 = transitions(cfg), build.bf16(cfg)
     network = build.qmaps(cfg, PIXEL_SIZE).cpu()
     unet = partial(UNet, width=cfg.qnet.width, depth=cfg.qnet.depth)
     plain = PlainQMaps(cfg.method.components, network.stem, unet, cfg.method.weights)
-    step = stepping(cfg, network, True, bf16, batch)
-    dense, ours = alternating(stepping(cfg, plain, False, False, batch), step, rounds)
-    with Convolutions() as convolutions:
-        step()
-    peak = convolutions.seconds(rounds)
+    future = transitions(cfg)
+    last = future.clone().set(("next", keys.TERMINATED), torch.ones(BATCH, 1, dtype=torch.bool))
+    steps = {"dense/gamma=0": stepping(cfg, plain, False, last), "dense/gamma=0.9": stepping(cfg, plain, False, future)}
+    for name, bf16 in (("fp32", False), ("bf16", True)):
+        if bf16 and not build.bf16(cfg):
+            continue
+        steps |= {
+            f"{name}/gamma=0": stepping(cfg, network, bf16, last),
+            f"{name}/gamma=0.9": stepping(cfg, network, bf16, future),
+            # For ever: none is due again.
+            f"{name}/gamma=0.9, choice kept": stepping(cfg, network, bf16, future, Kept(sys.maxsize)),
+        }
+    seconds = dict(zip(steps, alternating(*steps.values(), rounds=rounds), strict=True))
+    found: dict[str, float] = {f"share_due/choice_period={n}": due(cfg, n) for n in CHOICE_PERIODS}
+    least: dict[str, float] = {}
+    for name in sorted({name.split("/")[0] for name in steps} - {"dense"}):
+        anew, kept = (seconds[f"{name}/gamma=0.9{how}"] for how in ("", ", choice kept"))
+        costs = {f"gamma=0.9, choice_period={n}": kept + due(cfg, n) * (anew - kept) for n in CHOICE_PERIODS}
+        for what, cost in {"gamma=0": seconds[f"{name}/gamma=0"], **costs}.items():
+            found[f"ratio/{name}/{what}"] = seconds[f"dense/{what.split(',')[0]}"] / cost
+            least[f"ratio/{name}/{what}"] = 40 if what == "gamma=0" else 20
+        for what in ("gamma=0", "gamma=0.9"):
+            with Convolutions() as convolutions:
+                steps[f"{name}/{what}"]()
+            share = f"share_of_conv_peak/{name}/{what}"
+            found[share], least[share] = convolutions.seconds(rounds) / seconds[f"{name}/{what}"], 0.5
     return {
-        **{
-            "dense_s": dense,
-            "ours_s": ours,
-            "ratio": dense / ours,
-            "convolutions_s": peak,
-            "share_of_conv_peak": peak / ours,
-        },
-        **{"bf16": bf16, "map": [ROWS, COLUMNS], "batch": BATCH, "components": len(cfg.method.components)},
-        "goals": goals(
-            {"ratio": dense / ours, "share_of_conv_peak": peak / ours}, {"ratio": 15, "share_of_conv_peak": 0.5}
-        ),
+        **{f"seconds/{name}": taken for name, taken in seconds.items()},
+        **found,
+        **{"map": [ROWS, COLUMNS], "batch": BATCH, "components": len(cfg.method.components)},
+        "goals": goals(found, least),
     }
+
+
+def due(cfg: DictConfig, choice_period: int) -> float:
+    """The share of sampled transitions whose next action has to be chosen, over a training that keeps choices."""
+    generator, kept = np.random.default_rng(0), np.full(cfg.trainer.frames, -choice_period)
+    chosen = drawn = 0
+    for made in range(round(cfg.trainer.updates_per_frame * cfg.trainer.frames)):
+        stored = cfg.trainer.warmup_frames + int(made / cfg.trainer.updates_per_frame)
+        places = generator.integers(min(stored, len(kept)), size=cfg.trainer.batch_size)
+        missing = places[made - kept[places] >= choice_period]
+        kept[missing] = made
+        chosen, drawn = chosen + len(missing), drawn + len(places)
+    return chosen / max(1, drawn)
 
 
 def goals(measured: dict[str, float], least: dict[str, float], most: dict[str, float] | None = None) -> dict[str, str]:
@@ -171,7 +205,7 @@ def fusion(cfg: DictConfig, see: DictConfig, rounds: int) -> dict[str, Any]:
     def plainly() -> np.ndarray:
         return plain_heightmap(color.numpy(), depth.numpy(), intrinsics.numpy(), pose.numpy(), grid)
 
-    plain, ours = alternating(plainly, lambda: heightmap(color, depth, intrinsics, pose, grid), rounds)
+    plain, ours = alternating(plainly, lambda: heightmap(color, depth, intrinsics, pose, grid), rounds=rounds)
     same = np.abs(heightmap(color, depth, intrinsics, pose, grid).numpy()[3] - plainly()[3]) < 1e-3
     return {
         **{"plain_s": plain, "ours_s": ours, "ratio": plain / ours, "same_heights": float(same.mean())},
@@ -188,10 +222,10 @@ def scale(cfg: DictConfig, see: DictConfig, rounds: int) -> dict[str, Any]:
     for count in tqdm((1, 2, 4, 8), unit="size", desc="components"):
         several = altered(cfg, {"method.components": [f"c{i}" for i in range(count)], "method.weights": [1.0] * count})
         network, batch = build.qmaps(several, PIXEL_SIZE).cpu(), transitions(several)
-        found[f"update_s/components={count}"] = taking(stepping(several, network, True, bf16, batch), rounds)
+        found[f"update_s/components={count}"] = taking(stepping(several, network, bf16, batch), rounds)
     for rows, columns in tqdm(((84, 84), (320, 160), (640, 320)), unit="size", desc="maps"):
         batch = transitions(cfg, rows, columns)
-        step = stepping(cfg, build.qmaps(cfg, PIXEL_SIZE).cpu(), True, bf16, batch)
+        step = stepping(cfg, build.qmaps(cfg, PIXEL_SIZE).cpu(), bf16, batch)
         found[f"update_s/map={rows}x{columns}"] = taking(step, rounds)
         batch["next", keys.TERMINATED] = torch.ones(BATCH, 1, dtype=torch.bool)
         found[f"gradient_s/map={rows}x{columns}"] = taking(step, rounds)

@@ -24,6 +24,7 @@ from xqmap.models.policy import EpsilonGreedy
 from xqmap.models.qmaps import QMaps
 from xqmap.models.unet import LocalGeometry, UNet
 from xqmap.objectives import DecomposedDQNLoss
+from xqmap.objectives.kept import Kept
 
 
 def device(cfg: DictConfig) -> torch.device:
@@ -107,15 +108,17 @@ def exploration(cfg: DictConfig) -> EpsilonGreedy:
     return EpsilonGreedy(**cfg.exploration, seed=cfg.seed)
 
 
-def loss(cfg: DictConfig, network: QMaps) -> DecomposedDQNLoss:
-    """The TD loss of ``cfg.method`` and ``cfg.loss``, its keys and estimator set."""
+def loss(cfg: DictConfig, network: QMaps, kept: Kept | None = None) -> DecomposedDQNLoss:
+    """The TD loss of ``cfg.method`` and ``cfg.loss``, its keys and estimator set, and what is ``kept`` of next
+    states.
+    """
     module = DecomposedDQNLoss(
         network,
         components=cfg.method.components,
         double_dqn=cfg.loss.double_dqn,
         loss_function=cfg.loss.loss_function,
         shared_argmax=cfg.method.shared_argmax,
-        windowed=cfg.loss.windowed,
+        kept=kept,
     )
     module.set_keys(reward=cfg.method.reward_key)
     module.make_value_estimator(gamma=cfg.loss.gamma)

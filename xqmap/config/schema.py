@@ -59,7 +59,6 @@ class Loss:
     gamma: float = _bounded(0, 1)
     double_dqn: bool = MISSING
     loss_function: str = _one_of("l1", "l2", "smooth_l1")
-    windowed: bool = MISSING
 
 
 @dataclass
@@ -98,6 +97,7 @@ class Trainer:
     learning_rate: float = _bounded(0, above=True)
     max_grad_norm: float = _bounded(0, above=True)
     target_period: int = _bounded(1)
+    choice_period: int = _bounded(1)
     precision: str = _one_of("auto", "fp32", "bf16")
     checkpoint_period: int = _bounded(1)
     keep_last: int = _bounded(1)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Iterator, Sequence
-from functools import cache
 
 import numpy as np
 import torch
@@ -15,7 +14,7 @@ from torchrl.data.replay_buffers.samplers import RandomSampler, Sampler
 
 from xqmap import keys
 from xqmap.data.samplers import PrioritySampler
-from xqmap.data.symmetry import elements, transform
+from xqmap.data.symmetry import elements, moved, transform
 
 
 class Replay:
@@ -65,22 +64,24 @@ class Replay:
         """What is stored."""
         return sum(value.nbytes for value in self.contents().values())
 
-    def extend(self, transitions: TensorDictBase) -> None:
+    def extend(self, transitions: TensorDictBase) -> list[int]:
         """Stores ``[N]`` transitions in the order in which they were made; keys that learning does not read are left
         out.
-        """
-        for part in transitions.split(self.capacity):
-            self._extend(part)
 
-    def _extend(self, transitions: TensorDictBase) -> None:
+        Returns:
+            Their places; what was there before is gone.
+        """
+        return [place for part in transitions.split(self.capacity) for place in self._extend(part)]
+
+    def _extend(self, transitions: TensorDictBase) -> list[int]:
         following = transitions["next"]
         state = self._pack(transitions)
         outcome = following.select(keys.REWARD, keys.REWARD_COMPONENTS, keys.DONE, keys.TERMINATED)
         kept = {"state": state, keys.ACTION: transitions[keys.ACTION], "next": outcome}
         before = (self.cursor - 1) % self.capacity
-        places = self.buffer.extend(TensorDict(kept, transitions.batch_size)).tolist()
+        places: list[int] = self.buffer.extend(TensorDict(kept, transitions.batch_size)).tolist()
         if not self.next_states:
-            return
+            return places
         after, goes_on = self._pack(following), ~following[keys.TERMINATED].squeeze(-1)
         if before in self.aside and _same(self.aside[[before]], state[:1]).all():
             del self.aside[before]
@@ -91,6 +92,7 @@ class Replay:
                 del self.aside[place]
             if needs:
                 self.aside[place] = packed
+        return places
 
     def _pack(self, state: TensorDictBase) -> TensorDict:
         return pack(state[keys.HEIGHTMAP], state[keys.ACTION_MASK] if self.next_states else None)
@@ -142,9 +144,9 @@ class Replay:
             progress: how much of the training is done, 0 to 1; for a sampler that asks.
 
         Returns:
-            ``heightmap``, ``action``, ``index`` (the places in the storage), of prioritised replay ``priority_weight``
-            ``[B]``, and under ``"next"`` what followed; with next states ``heightmap`` and ``action_mask`` ``[B, A]``
-            too, all 0 after the end of an episode.
+            ``heightmap``, ``action``, ``index`` (the places in the storage), ``side`` (the element of D4 that the maps
+            are turned by), of prioritised replay ``priority_weight`` ``[B]``, and under ``"next"`` what followed; with
+            next states ``heightmap`` and ``action_mask`` ``[B, A]`` too, all 0 after the end of an episode.
         """
         if isinstance(self.sampler, PrioritySampler):
             self.sampler.progress = progress
@@ -152,6 +154,7 @@ class Replay:
         states = [batch.pop("state").select("color", "height")]
         if self.next_states:
             states.append(self._following(batch["index"], batch["next", keys.TERMINATED]))
+        batch[keys.SIDE] = torch.zeros_like(batch["index"])
         if self.augment:
             augment(batch, states, self.generator)
         batch[keys.HEIGHTMAP] = unpack(states[0])
@@ -225,25 +228,18 @@ def augment(batch: TensorDictBase, states: Sequence[TensorDictBase], generator: 
     """Turns and mirrors each transition's maps and action together, in place, by an element of D4 drawn per transition.
 
     Args:
-        batch: ``[B]`` transitions: ``action`` changes.
+        batch: ``[B]`` transitions: ``action`` changes, and the element drawn becomes their ``side``.
         states: packed states ``[B]``, whose every entry ends in ``[H, W]``.
         generator: source of the draw.
     """
     rows, columns = states[0]["height"].shape[-2:]
-    drawn = torch.randint(elements(rows, columns), (len(batch),), generator=generator)
-    batch[keys.ACTION] = _moved(rows, columns)[drawn, batch[keys.ACTION]]
+    batch[keys.SIDE] = drawn = torch.randint(elements(rows, columns), (len(batch),), generator=generator)
+    batch[keys.ACTION] = moved(rows, columns)[drawn, batch[keys.ACTION]]
     # Element 0 leaves all where it is.
     for element in set(drawn.tolist()) - {0}:
         chosen = (drawn == element).nonzero().squeeze(-1)
         for maps in (maps for state in states for maps in state.values()):
             maps[chosen] = transform(maps[chosen], element)
-
-
-@cache
-def _moved(rows: int, columns: int) -> Tensor:
-    """``[elements, A]``: where each cell of a map lies after each element of D4."""
-    cells = torch.arange(rows * columns).view(rows, columns)
-    return torch.stack([transform(cells, element).reshape(-1).argsort() for element in range(elements(rows, columns))])
 
 
 def _same(first: TensorDictBase, second: TensorDictBase) -> Tensor:

@@ -4,6 +4,9 @@ square.
 
 from __future__ import annotations
 
+from functools import cache
+
+import torch
 from torch import Tensor
 
 
@@ -22,6 +25,19 @@ def restore(image: Tensor, element: int) -> Tensor:
     """The inverse of :func:`transform`."""
     image = image.transpose(-2, -1) if element & 4 else image
     return image.flip(_axes(element)) if _axes(element) else image
+
+
+@cache
+def origins(rows: int, columns: int) -> Tensor:
+    """``[elements, A]``: which cell of a map, row · W + column, each cell of the map was before each element of D4."""
+    cells = torch.arange(rows * columns).view(rows, columns)
+    return torch.stack([transform(cells, element).reshape(-1) for element in range(elements(rows, columns))])
+
+
+@cache
+def moved(rows: int, columns: int) -> Tensor:
+    """``[elements, A]``: where each cell of a map lies after each element of D4; the inverse of :func:`origins`."""
+    return origins(rows, columns).argsort(-1)
 
 
 def _axes(element: int) -> list[int]:

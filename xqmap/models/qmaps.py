@@ -85,13 +85,8 @@ class QMaps(TensorDictModuleBase):
 
     @property
     def stride(self) -> int:
-        """The pooling grid: a window must start at a multiple of it."""
+        """The pooling grid: heightmaps are padded to multiples of it."""
         return 2 ** max(unet.depth for unet in self._unets())
-
-    @property
-    def radius(self) -> int:
-        """How many cells to each side of a cell its values depend on."""
-        return max(unet.radius for unet in self._unets()) + self.stem.radius
 
     def _unets(self) -> list[UNet]:
         return [unet for unet in self.unets if isinstance(unet, UNet)]
@@ -117,10 +112,18 @@ class QMaps(TensorDictModuleBase):
         return torch.cat([self._maps(part) for part in parts])[..., :rows, :columns]
 
     def _maps(self, heightmap: Tensor) -> Tensor:
-        # Centimetres between metres: the stem never runs in reduced precision.
-        with torch.no_grad(), torch.autocast(heightmap.device.type, enabled=False):
-            image = self.stem(heightmap).to(self.weights.dtype, memory_format=torch.channels_last)
+        image = self.geometry(heightmap)
         return torch.cat([unet(image) for unet in self.unets], dim=1)
+
+    def geometry(self, heightmap: Tensor) -> Tensor:
+        """``[B, 4, H, W]`` → ``[B, C, H, W]``: what the U-Nets see."""
+        device, precision = heightmap.device.type, self.weights.dtype
+        if torch.is_autocast_enabled(device) and precision == torch.float32:
+            # Once, not by each of the U-Nets.
+            precision = torch.get_autocast_dtype(device)
+        # Centimetres between metres: the stem never runs in reduced precision.
+        with torch.no_grad(), torch.autocast(device, enabled=False):
+            return self.stem(heightmap).to(precision, memory_format=torch.channels_last)
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Writes the maps, their sum, and the values at ``action`` where there is one."""

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-# One level's two 3 × 3 convolutions see this many cells of that level to each side.
+# 3 × 3 each, before a pooling and after an upsampling.
 CONVS_PER_LEVEL = 2
 
 
@@ -64,7 +64,8 @@ class LocalGeometry(nn.Module):
         rise = height / self.pixel_size
         for edge in self.plane_windows:
             padded = F.pad(rise, (edge // 2,) * 4, mode="replicate")
-            steepness = F.conv2d(padded, getattr(self, f"plane{edge}").to(rise)).square().sum(1, keepdim=True)
+            across, down = F.conv2d(padded, getattr(self, f"plane{edge}").to(rise)).square_().chunk(2, dim=1)
+            steepness = across + down
             slope = torch.rad2deg(torch.atan(steepness.sqrt())) / self.slope_scale
             # In double precision: the variance is a small difference of large squares.
             exact = padded.double()
@@ -91,8 +92,8 @@ def _box(image: Tensor, edge: int) -> Tensor:
 
 
 class UNet(nn.Module):
-    """Encoder and decoder with skip connections; no normalisation over the image, so a value depends on a window around
-    its cell only.
+    """Encoder and decoder with skip connections; no normalisation over the image, so a value depends on the cells
+    around its own only.
 
     Args:
         in_channels: channels of the input.
@@ -110,19 +111,22 @@ class UNet(nn.Module):
         self.decoder = nn.ModuleList(_block(widths[i + 1] + widths[i], widths[i]) for i in reversed(range(depth)))
         self.head = nn.Conv2d(width, 1, kernel_size=1)
 
-    @property
-    def radius(self) -> int:
-        """How many cells to each side an output cell depends on, from the convolutions and poolings that are there."""
-        deepest = CONVS_PER_LEVEL * 2**self.depth
-        # Each pooling sees up to one cell of the finer level besides its own; nearest upsampling looks at the cell's
-        # own parent.
-        return deepest + sum(2 * CONVS_PER_LEVEL * 2**level + 2**level for level in range(self.depth))
-
     def forward(self, image: Tensor) -> Tensor:
         """``[B, in_channels, H, W]`` → ``[B, 1, H, W]``."""
+        return self.value(self.features(image))
+
+    def value(self, features: Tensor) -> Tensor:
+        """``[B, width, H, W]`` → ``[B, 1, H, W]``: the last step, in full precision: a value near 1 in bfloat16 is only
+        good to half a percent.
+        """
+        with torch.autocast(features.device.type, enabled=False):
+            return self.head(features.to(self.head.weight.dtype))
+
+    def features(self, image: Tensor) -> Tensor:
+        """``[B, in_channels, H, W]`` → ``[B, width, H, W]``: what the value of each cell is made of."""
         skips = []
         for level, block in enumerate(self.encoder):
-            image = block(image if level == 0 else _pool(image))
+            image = block(image if level == 0 else pool(image))
             skips.append(image)
         skips.pop()
         for block in self.decoder:
@@ -130,13 +134,13 @@ class UNet(nn.Module):
             first, *others = block.children()
             assert isinstance(first, nn.Conv2d)
             image = nn.Sequential(*others)(_upconv(first, image, skip))
-        # The last step in full precision: a value near 1 in bfloat16 is only good to half a percent.
-        with torch.autocast(image.device.type, enabled=False):
-            return self.head(image.to(self.head.weight.dtype))
+        return image
 
 
-def _pool(image: Tensor) -> Tensor:
-    """The highest of 2 × 2 cells; faster than ``max_pool2d``, which also notes where they were."""
+def pool(image: Tensor) -> Tensor:
+    """The highest of 2 × 2 cells. Where no gradient is asked for, without noting which they were, which is faster."""
+    if image.requires_grad and torch.is_grad_enabled():
+        return F.max_pool2d(image, 2)
     rows = torch.maximum(image[..., ::2, :], image[..., 1::2, :])
     return torch.maximum(rows[..., ::2], rows[..., 1::2])
 
@@ -153,7 +157,7 @@ def _upconv(conv: nn.Conv2d, below: Tensor, skip: Tensor) -> Tensor:
         first, middle, last = kernel.unbind(axis)
         kernel = torch.stack((last, middle + last, first + middle, first), dim=axis)
     doubled = F.conv_transpose2d(below, kernel.transpose(0, 1), stride=2, padding=1)
-    return doubled + F.conv2d(skip, rest, conv.bias, padding=1)
+    return doubled.add_(F.conv2d(skip, rest, conv.bias, padding=1))
 
 
 def _block(in_channels: int, out_channels: int) -> nn.Sequential:

@@ -17,9 +17,9 @@ from torchrl.objectives.utils import ValueEstimators, default_value_kwargs, dist
 from torchrl.objectives.value import TD0Estimator, TD1Estimator, TDLambdaEstimator, ValueEstimatorBase
 
 from xqmap.models.policy import masked_argmax
-from xqmap.models.qmaps import values_at
-from xqmap.objectives import inputs
-from xqmap.objectives.windows import can_window, crop
+from xqmap.models.qmaps import QMaps, values_at
+from xqmap.objectives import cone, inputs
+from xqmap.objectives.kept import Kept
 
 
 class DecomposedDQNLoss(LossModule):
@@ -29,6 +29,9 @@ class DecomposedDQNLoss(LossModule):
     a⁺ = argmax_a' Σ_k w_k Q_k(s', a') by the online nets; y_k = r_k + γ (1 − terminated) Q̄_k(s', a⁺) by the target
     nets; the loss is Σ_k d(Q_k(s, a), y_k) over one batch for all k. All Q_k then value one policy. With K = 1 this is
     double DQN exactly.
+
+    Values of :class:`~xqmap.models.qmaps.QMaps` at an action, and their gradients, are computed on the cells that they
+    depend on (:mod:`xqmap.objectives.cone`); those of any other network are taken from all that it writes.
 
     Args:
         value_network: writes ``component_action_value`` ``[B, K, A]`` and ``action_value`` ``[B, A]``: what each of A
@@ -44,15 +47,15 @@ class DecomposedDQNLoss(LossModule):
         shared_argmax: False lets each component assume its own greedy future, y_k = r_k + γ max_a' Q̄_k(s', a'), as in
             HRA (van Seijen et al. 2017). The bars of such an agent value K different policies: a contrast, not an
             explanation.
-        windowed: compute values and gradients on the receptive-field window of each action only: same numbers, less
-            work.
+        kept: what is known of stored next states, to be looked up before it is computed. Batches then say by ``index``
+            and ``side`` which state they hold, as :class:`~xqmap.data.replay.Replay` does; whoever moves the target
+            nets or stores other transitions tells ``kept``.
         reduction: ``"mean"``, ``"sum"`` or ``"none"`` over the batch.
         action_space: how the batch writes actions, ``"categorical"`` (indices, from 0) or ``"one-hot"``, or a spec of
             torchrl's; as in torchrl's ``DQNLoss``.
 
     Raises:
-        ValueError: if ``windowed`` is asked of a network that does not state its radius or normalises over the image,
-            if the network has other components, or if a setting is none of those above.
+        ValueError: if the network has other components, or if a setting is none of those above.
 
     Examples:
         >>> loss = DecomposedDQNLoss(qmaps, components=("flatness", "color"))
@@ -66,7 +69,7 @@ class DecomposedDQNLoss(LossModule):
         """The keys that ``set_keys`` can change.
 
         Attributes:
-            heightmap: the observation that windows are cut from.
+            heightmap: the observation that the cells around an action are taken from.
             action: the action taken; on a map, row · W + column.
             action_mask: optional, the actions that a⁺ may be chosen from.
             component_action_value: the components' values.
@@ -78,6 +81,8 @@ class DecomposedDQNLoss(LossModule):
             steps_to_next_obs: written by n-step transforms.
             priority: written by the loss: Σ_k |δ_k|, for prioritised replay.
             priority_weight: optional, how much each transition counts: written by prioritised replay.
+            index: place of the transition in the storage; read only where something is kept of its next state.
+            side: element of D4 that its maps are turned by; as ``index``.
         """
 
         heightmap: NestedKey = "heightmap"
@@ -92,6 +97,8 @@ class DecomposedDQNLoss(LossModule):
         steps_to_next_obs: NestedKey = "steps_to_next_obs"
         priority: NestedKey = "td_error"
         priority_weight: NestedKey = "priority_weight"
+        index: NestedKey = "index"
+        side: NestedKey = "side"
 
     tensor_keys: _AcceptedKeys
     default_keys = _AcceptedKeys
@@ -110,7 +117,7 @@ class DecomposedDQNLoss(LossModule):
         delay_value: bool = True,
         loss_function: Literal["l1", "l2", "smooth_l1"] = "smooth_l1",
         shared_argmax: bool = True,
-        windowed: bool = False,
+        kept: Kept | None = None,
         reduction: Literal["mean", "sum", "none"] = "mean",
         action_space: str | TensorSpec = "categorical",
     ) -> None:
@@ -127,18 +134,13 @@ class DecomposedDQNLoss(LossModule):
         ):
             if value not in known:
                 raise ValueError(f"{name}={value!r} is not one of {', '.join(known)}")
-        if windowed and not can_window(value_network):
-            raise ValueError(
-                "loss.windowed=true needs a network that states its radius and stride and has no normalisation over "
-                "the image; "
-                "set loss.windowed=false"
-            )
         self.components = tuple(components)
         self.double_dqn = double_dqn
         self.delay_value = delay_value
         self.loss_function = loss_function
         self.shared_argmax = shared_argmax
-        self.windowed = windowed
+        self.kept = kept
+        self.has_cone = cone.has_cone(value_network)
         self.reduction = reduction
         self.one_hot = inputs.is_one_hot(action_space)
         self.convert_to_functional(value_network, "value_network", create_target_params=delay_value)
@@ -260,10 +262,11 @@ class DecomposedDQNLoss(LossModule):
         lead, key = tensordict.batch_size, self.tensor_keys.heightmap
         states = tensordict.select(*self.value_network.in_keys).reshape(-1)
         action = action.reshape(-1, *action.shape[len(lead) :])
-        if self.windowed:
+        if self.has_cone:
+            assert isinstance(self.value_network, QMaps)
             action = inputs.index(action, states[key].shape[-2:].numel())
-            image, action = crop(states[key], action, self.value_network.radius, self.value_network.stride)
-            states = TensorDict({}, states.batch_size).set(key, image)
+            with params.to_module(self.value_network, preserve_module_state=False):
+                return cone.values(self.value_network, states[key], action).reshape(*lead, -1)
         maps = self._network(states, params)[self.tensor_keys.component_action_value]
         return values_at(maps, inputs.index(action, maps.shape[-1])).reshape(*lead, -1)
 
@@ -277,6 +280,8 @@ class DecomposedDQNLoss(LossModule):
             self.make_value_estimator()
         if not bool(terminated.all()) and float(self._value_estimator.gamma) > 0:
             seen = following.select(*self.value_network.in_keys, k.action_mask, strict=False)
+            if self.kept is not None:
+                seen.update(tensordict.select(k.index, k.side))
             future[~terminated] = self._future(seen[~terminated]).to(future)
         batch = TensorDict({}, tensordict.batch_size).set(("next", k.reward), reward)
         batch.set(("next", k.done), done[..., None].expand_as(reward))
@@ -287,13 +292,38 @@ class DecomposedDQNLoss(LossModule):
         return self.value_estimator.value_estimate(batch, next_value=future)
 
     def _future(self, following: TensorDictBase) -> Tensor:
-        """``[*, K]``: Q̄_k(s', a⁺), or max_a' Q̄_k(s', a') without the shared argmax."""
+        """``[N, K]``: Q̄_k(s', a⁺), or max_a' Q̄_k(s', a') without the shared argmax; looked up where it is kept."""
+        k, kept, online = self.tensor_keys, self.kept, self.double_dqn and self.shared_argmax
+        if kept is None:
+            return self._valued(following, self._chosen(following) if online else None)
+        place, side = following[k.index], following[k.side]
+        choice = torch.full_like(place, -1)
+        if online:
+            edges = following[k.heightmap].shape[-2:]
+            choice = kept.choices(place, side, edges)
+            if bool((due := choice < 0).any()):
+                choice[due] = self._chosen(following[due])
+                kept.choose(place[due], side[due], edges, choice[due])
+        if len(due := kept.unknown(place, side, choice)):
+            value = self._valued(following[due], choice[due] if online else None)
+            kept.value(place[due], side[due], choice[due], value)
+        return kept.values(place, side, choice)
+
+    def _chosen(self, following: TensorDictBase) -> Tensor:
+        """``[N]``: a⁺ by the online nets."""
+        k = self.tensor_keys
+        total = self._network(following, self.value_network_params)[k.action_value]
+        return masked_argmax(total, inputs.allowed(following, k.action_mask, total.shape[-1]))
+
+    def _valued(self, following: TensorDictBase, choice: Tensor | None) -> Tensor:
+        """``[N, K]``: what the target nets make of the choices ``[N]``, or, where there are none, of their own."""
         k, target = self.tensor_keys, self.target_value_network_params
-        online = self.double_dqn and self.shared_argmax
-        found = self._network(following, self.value_network_params if online else target)
-        mask = inputs.allowed(following, k.action_mask, found[k.component_action_value].shape[-1])
-        if self.shared_argmax:
-            return self._values(following, masked_argmax(found[k.action_value], mask), target)
+        if choice is not None:
+            return self._values(following, choice, target)
+        found = self._network(following, target)
         maps = found[k.component_action_value]
+        mask = inputs.allowed(following, k.action_mask, maps.shape[-1])
+        if self.shared_argmax:
+            return values_at(maps, masked_argmax(found[k.action_value], mask))
         best = masked_argmax(maps, None if mask is None else mask[..., None, :])
         return maps.gather(-1, best[..., None]).squeeze(-1)

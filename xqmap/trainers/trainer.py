@@ -29,6 +29,7 @@ from xqmap.explanations import Decision
 from xqmap.explanations.perception import Scene
 from xqmap.explanations.views import plots
 from xqmap.models.policy import GreedyPolicy
+from xqmap.objectives.kept import Kept
 from xqmap.runs import checkpoint
 from xqmap.trainers import randomness
 from xqmap.trainers.logger import Log
@@ -62,7 +63,8 @@ class Trainer:
         first_scene = saved[1]["scene"] if saved else training_scenes(cfg.seed)
         self.env = build.make_env(cfg, first_scene)()
         self.network = build.qmaps(cfg, self.env.grid.pixel_size)
-        self.loss = build.loss(cfg, self.network)
+        self.kept = Kept(cfg.trainer.choice_period)
+        self.loss = build.loss(cfg, self.network, self.kept)
         self.target_updater = HardUpdate(self.loss, value_network_update_interval=cfg.trainer.target_period)
         self.parameters = [p for p in self.loss.parameters() if p.requires_grad]
         self.optimizer = torch.optim.Adam(self.parameters, lr=cfg.trainer.learning_rate)
@@ -153,6 +155,7 @@ class Trainer:
             "random": randomness.states(self._generators()),
             "replay": self.replay.contents(),
             "tracker": self.tracker.state_dict(),
+            "kept": self.kept.state_dict(),
         }
         tensors |= {f"{part}/{name}": value for part, contents in parts.items() for name, value in contents.items()}
         facts |= {
@@ -176,7 +179,7 @@ class Trainer:
 
     def _step(self, batch: TensorDictBase) -> dict[str, float]:
         """Remembers a batch of decisions, learns, and returns its row of metrics."""
-        self.replay.extend(batch)
+        self.kept.forget(self.replay.extend(batch))
         self.frames += len(batch)
         for action, done in zip(batch[keys.ACTION].tolist(), batch["next", keys.DONE].flatten().tolist(), strict=True):
             self.unfinished = [] if done else [*self.unfinished, action]
@@ -217,13 +220,15 @@ class Trainer:
             raise UserError(f"the gradient became {float(norm)} at update {self.updates}: lower trainer.learning_rate")
         self.optimizer.step()
         self.target_updater.step()
+        self.kept.step(moved=self.target_updater.counter == 0)
         self.replay.learned(batch)
         self.updates += 1
         return losses.detach()
 
     def _restore(self, tensors: dict[str, Tensor], facts: dict[str, Any]) -> None:
         """The inverse of :meth:`save`; the world goes on in the middle of the episode it was in."""
-        parts: dict[str, dict[str, Tensor]] = {"loss": {}, "optimizer": {}, "random": {}, "replay": {}, "tracker": {}}
+        names = ("loss", "optimizer", "random", "replay", "tracker", "kept")
+        parts: dict[str, dict[str, Tensor]] = {name: {} for name in names}
         for name, tensor in tensors.items():
             part, _, rest = name.partition("/")
             parts[part][rest] = tensor
@@ -235,6 +240,7 @@ class Trainer:
         self.optimizer.load_state_dict(optimizer)
         self.replay.restore(parts["replay"], facts["cursor"])
         self.tracker.load_state_dict(parts["tracker"])
+        self.kept.load_state_dict(parts["kept"])
         self.frames = self.saved_frames = facts["frames"]
         self.updates, self.noise, self.best = facts["updates"], facts["noise"], facts["best"]
         self.exploration.frames.fill_(facts["explored"])
