@@ -19,6 +19,7 @@ from xqmap.reports import stories
 from xqmap.reports.page import Report, page
 from xqmap.reports.runs import Run, gather
 from xqmap.runs.checkpoint import write_atomically
+from xqmap.trainers import wandb_environment
 
 FORMATS = ("html", "md", "csv")
 
@@ -32,6 +33,8 @@ def report(cfg: DictConfig) -> None:
         raise UserError(f"format={cfg.format} is not one of {', '.join(FORMATS)}")
     if cfg.log is not None and cfg.format != "html":
         raise UserError(f"log={cfg.log} keeps the page: format=html makes one")
+    if cfg.log is not None and wandb_environment.mode(cfg.logger.mode) == "disabled":
+        raise UserError(f"log={cfg.log} keeps the page in a run of wandb's, which logger.mode or WANDB_MODE disables")
     out = Path(cfg.out or f"report.{cfg.format}")
     found, left_out = results.collect(root)
     shown = _of_sheets(found, cfg.sheets)
