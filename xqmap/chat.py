@@ -14,7 +14,8 @@ from xqmap.explanations.dialogue import scoring
 from xqmap.explanations.dialogue.conversation import Dialogue, Exchange, scene_line, system_prompt
 from xqmap.explanations.views.page import page
 from xqmap.explanations.views.sentences import wording_for
-from xqmap.runs import checkpoint, commands
+from xqmap.files import write_atomically
+from xqmap.runs.decide import default_folder
 
 
 def chat(cfg: DictConfig) -> None:
@@ -33,14 +34,14 @@ def chat(cfg: DictConfig) -> None:
     else:
         _converse(dialogue)
     if dialogue.exchanges:
-        folder = Path(cfg.out) if cfg.out else commands.default_folder(cfg, "explanation")
+        folder = Path(cfg.out) if cfg.out else default_folder(cfg, "explanation")
         # Beside what python -m xqmap.explain wrote about this decision of an episode.
         step = folder / f"step{decision.step + 1:02d}"
         folder = step if decision.step or step.exists() else folder
-        checkpoint.write_atomically(folder / "dialogue.json", dialogue.to_json().encode())
-        checkpoint.write_atomically(folder / "dialogue.md", dialogue.to_markdown().encode())
+        write_atomically(folder / "dialogue.json", dialogue.to_json().encode())
+        write_atomically(folder / "dialogue.md", dialogue.to_markdown().encode())
         html = page([decision], [(e.question, e.answer) for e in dialogue.exchanges])
-        checkpoint.write_atomically(folder / "explanation.html", html.encode())
+        write_atomically(folder / "explanation.html", html.encode())
         print(f"wrote dialogue.json, dialogue.md and explanation.html to {folder}")
 
 

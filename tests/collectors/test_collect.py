@@ -21,22 +21,18 @@ import torch
 from omegaconf import DictConfig
 from tensordict.nn import TensorDictSequential
 
+from tests.toy import trusted_env
 from tests.trainers.test_training import train
 from xqmap.collectors import collect
 from xqmap.config import build
 from xqmap.errors import UserError, WorkerLost
 from xqmap.models.policy import GreedyPolicy
 from xqmap.runs import checkpoint
+from xqmap.runs.run import load_run
 from xqmap.trainers.trainer import Trainer
 
 pytestmark = [pytest.mark.sim, pytest.mark.usefixtures("trust_toy"), pytest.mark.filterwarnings("ignore")]
 make_env = build.make_env
-
-
-def trusted_env(cfg: DictConfig, first_scene: int) -> Any:
-    """Runs in the worker, where no fixture reaches."""
-    build.TRUSTED = (*build.TRUSTED, "tests.")
-    return make_env(cfg, first_scene)()
 
 
 def failing_env(cfg: DictConfig, first_scene: int) -> Any:
@@ -121,7 +117,7 @@ def test_a_dead_worker_is_named_and_what_was_learned_is_saved(
         trainer.run()
     trainer.close()
     assert trainer.saved_frames == trainer.frames > 0
-    checkpoint.load_run(run_directory)
+    load_run(run_directory)
 
 
 def test_what_a_dead_worker_never_read_does_not_hold_up_the_end() -> None:
@@ -144,7 +140,7 @@ def test_workers_in_step_repeat_bit_by_bit(config: Callable[..., DictConfig], tm
     )
     first, second = (train(config(*settings, "trainer.warmup_frames=6"), tmp_path / name) for name in "ab")
     assert first.updates > 0
-    shas = [checkpoint.load_run(tmp_path / name).sha256 for name in "ab"]
+    shas = [load_run(tmp_path / name).sha256 for name in "ab"]
     assert shas[0] == shas[1]
     scenes = [trained.replay.contents()["state.color"] for trained in (first, second)]
     assert torch.equal(*scenes)
@@ -164,7 +160,7 @@ def test_a_simulator_that_fails_in_a_worker_ends_the_run_saved(
         trainer.run()
     trainer.close()
     assert trainer.saved_frames == trainer.frames > 0
-    checkpoint.load_run(run_directory)
+    load_run(run_directory)
     assert "error in a worker: the simulator failed in scene" in (told := capfd.readouterr().err)
     assert "Traceback" not in told
 

@@ -24,10 +24,13 @@ from tests.test_commands import call
 from xqmap import explain
 from xqmap.config import build
 from xqmap.evaluation import results
+from xqmap.evaluation.run import evaluate_run
 from xqmap.explanations import Candidate, Decision
 from xqmap.reports import curves, offline
 from xqmap.reports.runs import Run, gather
-from xqmap.runs import checkpoint, commands, locks
+from xqmap.runs import locks
+from xqmap.runs.decide import decide
+from xqmap.runs.run import load_run
 from xqmap.trainers.trainer import Trainer
 
 
@@ -54,16 +57,16 @@ def sweep(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
                     trainer = Trainer(cfg, directory)
                     trainer.run()
                     trainer.close()
-                    result = commands.evaluate_run(directory, cfg.evaluation, directory / "evaluation.json")
+                    result = evaluate_run(directory, cfg.evaluation, directory / "evaluation.json")
                     known = dict.fromkeys(("bias", "mae", "rank_correlation", "sign_accuracy"), 0.25)
                     extra = {
                         "confusion": {"red patch": {"red patch": 2}},
                         "calibration": {"exact": {"left": known}, "returns": {}},
                     }
                     (directory / "evaluation.json").write_text(json.dumps(result | extra))
-            run = checkpoint.load_run(root / f"{task}-xqmap-0")
+            run = load_run(root / f"{task}-xqmap-0")
             perception = OmegaConf.create({"_target_": "xqmap.explanations.perception.Simulator"})
-            explain.write(commands.decide(run, 5, 1, perception)[0], run.directory / "figures" / "scene5")
+            explain.write(decide(run, 5, 1, perception)[0], run.directory / "figures" / "scene5")
         yield root
 
 

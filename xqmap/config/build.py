@@ -67,8 +67,14 @@ def perception(settings: DictConfig) -> Perception:
 
 
 def make_env(cfg: DictConfig, first_scene: int) -> Callable[[], ManiSkillEnv]:
-    """A function that builds the environment where it is called: in this process or in a worker."""
-    return partial(ManiSkillEnv, partial(task, cfg), first_scene=first_scene, limit=cfg.trainer.decision_limit)
+    """A function that builds the environment where it is called: in this process or in a worker.
+
+    It raises UserError where ``task.components`` are not the world's ``REWARD_COMPONENTS`` in their order.
+    """
+    names = [str(name) for name in cfg.task.components]
+    weights = dict(zip(names, schema.weights_in_order(cfg.task.weights, names), strict=True))
+    limit = cfg.trainer.decision_limit
+    return partial(ManiSkillEnv, partial(task, cfg), first_scene=first_scene, limit=limit, weights=weights)
 
 
 def qmaps(cfg: DictConfig, pixel_size: float) -> QMaps:

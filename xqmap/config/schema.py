@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -153,10 +154,18 @@ class Schema:
 
 
 def register() -> None:
-    """Makes the schema and the ``range`` resolver known to Hydra."""
+    """Makes the schema known to Hydra."""
     ConfigStore.instance().store(name="schema", node=Schema)
-    if not OmegaConf.has_resolver("range"):
-        OmegaConf.register_new_resolver("range", lambda start, stop: list(range(start, stop)))
+
+
+def weights_in_order(weights: Mapping[str, float], components: Sequence[str]) -> list[float]:
+    """w_k in the order of the components, whatever the order they were written in; one that is not named weighs 1."""
+    return [weights.get(name, 1.0) for name in components]
+
+
+# What ``conf`` reckons with; at import, because settings travel to worker processes as they are.
+OmegaConf.register_new_resolver("range", lambda start, stop: list(range(start, stop)), replace=True)
+OmegaConf.register_new_resolver("in_order", weights_in_order, replace=True)
 
 
 def typed(cfg: DictConfig | ListConfig) -> DictConfig:

@@ -12,7 +12,7 @@ from omegaconf import DictConfig, OmegaConf
 import conf
 from xqmap.config import schema
 from xqmap.errors import UserError
-from xqmap.runs.checkpoint import Run
+from xqmap.runs.run import Run
 
 FOLDER = Path(conf.__path__[0]) / "sheet"
 ALL = "all"

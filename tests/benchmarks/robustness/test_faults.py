@@ -13,7 +13,7 @@ from types import SimpleNamespace
 import pytest
 from omegaconf import DictConfig
 
-from tests.collectors.test_collect import trusted_env
+from tests.toy import trusted_env
 from xqmap import train
 from xqmap.benchmarks.robustness import faults, interruptions
 from xqmap.config import build

@@ -18,9 +18,11 @@ from xqmap.benchmarks.robustness import fuzz, hostile
 from xqmap.config import build, cli
 from xqmap.errors import UserError
 from xqmap.evaluation import results
+from xqmap.evaluation.run import evaluate_run
 from xqmap.explanations import Decision
 from xqmap.explanations.views import plots
-from xqmap.runs import checkpoint, commands
+from xqmap.runs import checkpoint
+from xqmap.runs.run import load_run
 
 ROOT = Path(cli.CONF).parent
 
@@ -60,15 +62,15 @@ def test_nothing_that_settings_name_is_run_but_classes_of_our_own(tmp_path: Path
 def test_every_damaged_file_is_refused(policy: Path) -> None:
     tried, refused = hostile.refused_files(policy / checkpoint.POLICY, 50)
     assert tried == refused > 300
-    checkpoint.load_run(policy)
+    load_run(policy)
 
 
 def test_a_strangers_run_directory_is_safe_to_open(policy: Path, tmp_path: Path) -> None:
     marker = tmp_path / "was_run"
     for environment in hostile.settings(marker):
-        run = checkpoint.load_run(changed(policy, config__task__env=environment))
+        run = load_run(changed(policy, config__task__env=environment))
         with pytest.raises(UserError, match=r"task\.env"):
-            commands.evaluate_run(run, run.cfg.evaluation, tmp_path / "evaluation.json")
+            evaluate_run(run, run.cfg.evaluation, tmp_path / "evaluation.json")
     assert not marker.exists()
     assert not (tmp_path / "evaluation.json").exists()
 
@@ -91,7 +93,7 @@ def test_settings_in_a_file_are_checked_as_those_of_a_person(
     policy: Path, settings: dict[str, object], named: str
 ) -> None:
     with pytest.raises(UserError, match=named):
-        checkpoint.load_run(changed(policy, **settings))
+        load_run(changed(policy, **settings))
 
 
 def test_a_newer_file_asks_for_a_newer_program(policy: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -35,7 +35,7 @@ TARGETS = (
     "xqmap.doctor.subprocess.Popen",
     "xqmap.config.build.instantiate",
     "xqmap.config.build.importlib.import_module",
-    "xqmap.runs.checkpoint.write_atomically",
+    "xqmap.files.write_atomically",
     "xqmap.runs.checkpoint.Path.touch",
     "xqmap.trainers.trainer.Trainer.save",
     "tasks.landing.np.save",

@@ -21,6 +21,7 @@ from tqdm import tqdm
 
 from xqmap.config import build, schema
 from xqmap.runs import checkpoint
+from xqmap.trainers.trainer import Trainer
 
 # Where in the writing of a file the process dies: half of it is there, all of it under its working name, all of it in
 # its place.
@@ -41,8 +42,6 @@ def attempt(
         trusted: packages a task may come from.
         sabotage: stage and file of a checkpoint at which this process kills itself; None lets it be.
     """
-    from xqmap.trainers.trainer import Trainer
-
     logging.getLogger("torchrl").setLevel(logging.WARNING)
     place = Path(directory)
     place.mkdir(parents=True, exist_ok=True)

@@ -69,7 +69,7 @@ class OpenAICompatible:
         max_completion_tokens: int | None = None,
     ) -> None:
         try:
-            import openai
+            import openai  # an extra
         except ImportError:
             raise UserError("llm=openai needs the openai package: pip install 'xqmap[llm]'") from None
         place = "llm.base_url" if base_url else "OPENAI_BASE_URL"
@@ -104,7 +104,7 @@ class OpenAICompatible:
                 base_url=base_url, api_key=key or "none", timeout=timeout, max_retries=int(retries)
             )
         except OSError as error:
-            certificates = [name for name in ("SSL_CERT_FILE", "SSL_CERT_DIR") if os.environ.get(name)]
+            certificates = [f"{n}={os.environ[n]}" for n in ("SSL_CERT_FILE", "SSL_CERT_DIR") if os.environ.get(n)]
             raise UserError(
                 f"{' or '.join(certificates) or 'the certificate store'} cannot be read ({brief(error)}): "
                 "give a file of certificates, or unset the variable"
@@ -153,7 +153,7 @@ class OpenAICompatible:
     def _read(
         self, messages: list[Message], pieces: queue.SimpleQueue[str | Exception | None], given_up: threading.Event
     ) -> None:
-        import openai
+        import openai  # an extra
 
         create: Any = self._client.chat.completions.with_streaming_response.create
         try:
@@ -177,7 +177,7 @@ class OpenAICompatible:
 
     def _unanswered(self, error: Exception) -> Exception:
         """The error as a line for the person; itself where it is none that a server can cause."""
-        import openai
+        import openai  # an extra
 
         # The HTTP library under the client has exceptions of its own for a stream that breaks off.
         from_http = type(error).__module__.split(".")[0] in ("httpx", "httpx2", "httpcore", "httpcore2")

@@ -14,11 +14,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from xqmap.explanations.decision import SELECTED, Decision
+from xqmap.explanations.candidate import SELECTED
+from xqmap.explanations.decision import Decision
 from xqmap.explanations.views.marks import mark
 from xqmap.explanations.views.sentences import number, signed
 from xqmap.explanations.views.style import PALETTE, drawing, rendered
-from xqmap.runs.checkpoint import write_atomically
+from xqmap.files import write_atomically
 
 # Behind a number that a line may cross.
 _CLEAR = {"fc": "white", "ec": "none", "pad": 0.4}

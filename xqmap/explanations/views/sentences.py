@@ -7,13 +7,16 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from omegaconf import OmegaConf
 
 import conf
 from xqmap.explanations import contrast
-from xqmap.explanations.decision import SELECTED, Candidate, Decision, together
+from xqmap.explanations.candidate import SELECTED, Candidate, together
+
+if TYPE_CHECKING:
+    from xqmap.explanations.decision import Decision
 
 WORDING = Path(conf.__path__[0]) / "explain" / "wording"
 
