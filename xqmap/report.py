@@ -19,6 +19,7 @@ from xqmap.files import write_atomically
 from xqmap.reports import stories
 from xqmap.reports.page import Report, page
 from xqmap.reports.runs import Run, gather
+from xqmap.terminal import one_line, say
 from xqmap.trainers import wandb_environment
 
 FORMATS = ("html", "md", "csv")
@@ -66,18 +67,18 @@ def report(cfg: DictConfig) -> None:
     written = content.encode(errors="replace")
     write_atomically(out, written)
     if rows:
-        print(tables.text(rows))
+        say(tables.text(rows))
     for path, reason in left_out.items():
-        print(f"left out: {path} ({reason})")
-    print(f"wrote {out} ({len(written) / 1e6:.1f} MB)")
+        say(one_line(f"left out: {path} ({reason})"))
+    say(f"wrote {out} ({len(written) / 1e6:.1f} MB)")
     if cfg.log is not None:
         from xqmap.trainers.logger import log_page  # imports ManiSkill, which a report does not need
 
         Path(cfg.log).mkdir(parents=True, exist_ok=True)
-        print(f"logged it to {log_page(out, Path(cfg.log), str(root), cfg.logger)}")
+        say(f"logged it to {log_page(out, Path(cfg.log), str(root), cfg.logger)}")
     if cfg.figures is not None:
         saved = _save_figures(whole, Path(cfg.figures))
-        print(f"wrote {len(saved)} files to {cfg.figures}: {', '.join(path.name for path in saved)}")
+        say(f"wrote {len(saved)} files to {cfg.figures}: {', '.join(path.name for path in saved)}")
 
 
 def _of_sheets(found: list[results.Result], told: Any) -> list[results.Result]:

@@ -28,6 +28,7 @@ from xqmap.envs.maniskill import ManiSkillEnv
 from xqmap.errors import UserError, WorkerLost, brief
 from xqmap.evaluation.play import SCENES_PER_TRAINING, training_scenes
 from xqmap.models.policy import GreedyPolicy
+from xqmap.terminal import endure, one_line, say
 
 # Seconds that workers may take to say that they have their new weights.
 _PATIENCE = 60.0
@@ -144,8 +145,8 @@ def close(source: BaseCollector, alone: bool) -> None:
 
 
 class _Worker:
-    """Builds the environment where it is called. An interrupt at the keyboard reaches every process: the trainer alone
-    answers it.
+    """Builds the environment where it is called. Ctrl-C and the end of the terminal reach every process: the trainer
+    alone answers them.
 
     What fails there is told there, in one line, and ends the process: raised, it would be told with all its stacks.
     """
@@ -154,7 +155,9 @@ class _Worker:
         self.make = make
 
     def __call__(self) -> ManiSkillEnv:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        endure()
+        for number in (signal.SIGINT, signal.SIGHUP):
+            signal.signal(number, signal.SIG_IGN)
         # The processors belong to the other workers and to the updates.
         os.environ.setdefault("LP_NUM_THREADS", "1")
         torch.set_num_threads(1)
@@ -168,7 +171,7 @@ def _or_end(act: Callable[..., TensorDictBase], *args: Any, **kwargs: Any) -> Te
     try:
         return act(*args, **kwargs)
     except UserError as error:
-        print(f"error in a worker: {error}", file=sys.stderr, flush=True)
+        say(one_line(f"error in a worker: {error}"), to=sys.stderr)
         os._exit(1)
 
 

@@ -16,6 +16,7 @@ from xqmap.evaluation.run import settings_of
 from xqmap.files import write_atomically
 from xqmap.runs import checkpoint
 from xqmap.runs.run import Run, stored_settings
+from xqmap.terminal import one_line, say
 
 # Settings that no trained weight depends on.
 _BESIDE = ("evaluation", "sheets", "device", "threads", "resume", "logger")
@@ -38,10 +39,10 @@ class Table(Callback):
         }
         for name, content in written.items():
             write_atomically(directory / name, content.encode())
-        print(tables.text(rows))
+        say(tables.text(rows))
         for path, why in unread.items():
-            print(f"not in the table: {path} ({why})")
-        print(f"wrote {', '.join(written)} to {directory}")
+            say(one_line(f"not in the table: {path} ({why})"))
+        say(f"wrote {', '.join(written)} to {directory}")
 
 
 def saved(directory: Path, cfg: DictConfig) -> tuple[dict[str, Tensor], dict[str, Any]] | None:
