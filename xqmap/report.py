@@ -14,6 +14,7 @@ from xqmap.config import cli
 from xqmap.errors import UserError
 from xqmap.evaluation import results, tables
 from xqmap.evaluation.sheets import ALL
+from xqmap.evaluation.swept import swept
 from xqmap.explanations.views import plots
 from xqmap.files import write_atomically
 from xqmap.reports import stories
@@ -54,7 +55,7 @@ def report(cfg: DictConfig) -> None:
                 f"runs={root} holds no run of xqmap"
                 + (f" ({why})" if why else ": train one with python -m xqmap.train")
             )
-        names = results.swept(runs)
+        names = swept(runs)
     rows = results.table(shown, results.paper_figures(), names)
     whole = Report(str(root), runs, rows, left_out)
     if cfg.format == "html":
@@ -95,9 +96,9 @@ def _save_figures(report: Report, folder: Path) -> list[Path]:
     folder.mkdir(parents=True, exist_ok=True)
     written: list[Path] = []
     for task in tqdm(report.tasks, unit="task", desc="drawing"):
-        if told := stories.best_told(report.trained(task)):
-            decision, place, _ = told
-            written += plots.save(plots.overview(decision, stories.asked(decision, place)), folder / task)
+        if found := stories.best_told(report.trained(task)):
+            decision, place, _ = found
+            written += plots.save(plots.overview(decision, stories.dialogue(decision, place)), folder / task)
         for name, figure, _ in report.figures(task):
             written += plots.save(figure, folder / f"{task}-{name}")
     return written
