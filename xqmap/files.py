@@ -53,10 +53,10 @@ def replacing(path: Path) -> Iterator[Path]:
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=".", suffix=f".part{path.suffix}")
     beside = Path(name)
     try:
-        # As open() would have made it; mkstemp's files are the owner's alone.
-        os.fchmod(handle, 0o666 & ~_umask())
         os.close(handle)
         yield beside
+        # As open() would have made it; mkstemp's files, and those of safetensors, are the owner's alone.
+        os.chmod(beside, 0o666 & ~_umask())
         with open(beside, "rb") as file:
             os.fsync(file.fileno())
         os.replace(beside, path)
@@ -64,6 +64,12 @@ def replacing(path: Path) -> Iterator[Path]:
         with contextlib.suppress(OSError):
             beside.unlink(missing_ok=True)
         raise
+
+
+def forget_unfinished(folder: Path) -> None:
+    """Removes what :func:`replacing` left in ``folder`` where its process was killed; nobody else may be writing."""
+    for path in folder.glob(".*.part*"):
+        path.unlink(missing_ok=True)
 
 
 def _umask() -> int:

@@ -21,7 +21,6 @@ import torch
 from omegaconf import DictConfig
 from tensordict.nn import TensorDictSequential
 
-from tests.toy import trusted_env
 from tests.trainers.test_training import train
 from xqmap.collectors import collect
 from xqmap.config import build
@@ -31,13 +30,13 @@ from xqmap.runs import checkpoint
 from xqmap.runs.run import load_run
 from xqmap.trainers.trainer import Trainer
 
-pytestmark = [pytest.mark.sim, pytest.mark.usefixtures("trust_toy"), pytest.mark.filterwarnings("ignore")]
+pytestmark = [pytest.mark.sim, pytest.mark.filterwarnings("ignore")]
 make_env = build.make_env
 
 
 def failing_env(cfg: DictConfig, first_scene: int) -> Any:
     """A world that fails in its ninth decision."""
-    env = trusted_env(cfg, first_scene)
+    env = make_env(cfg, first_scene)()
     step, made = env.task.step, iter(range(9))
 
     def failing(action: Any) -> Any:
@@ -50,8 +49,7 @@ def failing_env(cfg: DictConfig, first_scene: int) -> Any:
 
 
 @pytest.fixture
-def config(toy_config: Callable[..., DictConfig], monkeypatch: pytest.MonkeyPatch) -> Callable[..., DictConfig]:
-    monkeypatch.setattr(build, "make_env", lambda cfg, first_scene: partial(trusted_env, cfg, first_scene))
+def config(toy_config: Callable[..., DictConfig]) -> Callable[..., DictConfig]:
     return lambda *overrides: toy_config("collector=parallel", "collector.frames_per_batch=2", *overrides)
 
 

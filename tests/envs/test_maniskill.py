@@ -38,9 +38,7 @@ def test_nothing_to_see_matters_only_where_a_choice_is_to_be_made(blind_after: i
     assert not bool(last[keys.ACTION_MASK].any())
 
 
-def test_weights_go_by_name_and_components_are_those_of_the_world(
-    toy_config: Callable[..., DictConfig], trust_toy: None
-) -> None:
+def test_weights_go_by_name_and_components_are_those_of_the_world(toy_config: Callable[..., DictConfig]) -> None:
     cfg = toy_config()
     cfg.task.weights = {"right": 2.0, "left": 1.0}
     assert list(cfg.method.weights) == [1.0, 2.0]

@@ -23,7 +23,6 @@ from xqmap.trainers.trainer import Trainer
 
 pytestmark = [
     pytest.mark.sim,
-    pytest.mark.usefixtures("trust_toy"),
     pytest.mark.filterwarnings("ignore::FutureWarning"),
 ]
 

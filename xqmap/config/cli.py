@@ -20,15 +20,13 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-import conf
 from xqmap import launch
-from xqmap.config import arguments, schema
+from xqmap.config import arguments, plugins, schema
 from xqmap.errors import Stopped, UserError
 from xqmap.terminal import endure, one_line, say
 
 # Hydra's own short message would be followed by advice to set this, whatever it is set to; we print one line ourselves.
 os.environ["HYDRA_FULL_ERROR"] = "1"
-CONF = str(Path(conf.__path__[0]).resolve())
 
 
 def main(config_name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[], None]]:
@@ -69,7 +67,7 @@ def main(config_name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[
                 signal.signal(number, _terminate)
             try:
                 sys.argv = [sys.argv[0], *arguments.literal(sys.argv[1:])]
-                hydra.main(version_base=None, config_path=CONF, config_name=config_name)(guarded)()
+                hydra.main(version_base=None, config_path=str(plugins.CONF), config_name=config_name)(guarded)()
                 for error in failed:
                     raise error
             except Stopped as error:

@@ -14,6 +14,7 @@ from hydra.core.config_store import ConfigStore
 from omegaconf import MISSING, DictConfig, ListConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from xqmap.config import plugins
 from xqmap.errors import UserError
 
 
@@ -154,7 +155,8 @@ class Schema:
 
 
 def register() -> None:
-    """Makes the schema known to Hydra."""
+    """Makes the schema, and what installed packages offer, known to Hydra."""
+    plugins.register()
     ConfigStore.instance().store(name="schema", node=Schema)
 
 
@@ -223,6 +225,9 @@ def validate(cfg: DictConfig, playing: bool = False) -> None:
         components = list(OmegaConf.select(cfg, name))
         if not components or len(set(components)) < len(components):
             raise UserError(f"{name}={components} must name at least one component, and none twice")
+    for name in ("task.name", "method.name"):
+        if not plugins.is_name(str(OmegaConf.select(cfg, name))):
+            raise UserError(f"{name}={OmegaConf.select(cfg, name)!r} is no name: letters, digits, _, - and . make one")
     unknown = set(cfg.task.weights) - set(cfg.task.components)
     if unknown:
         raise UserError(f"task.weights names {sorted(unknown)}; the task's components are {list(cfg.task.components)}")

@@ -8,10 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from omegaconf import OmegaConf
-
-import conf
-from xqmap.config import plain
+from xqmap.config import plain, plugins
 from xqmap.errors import UserError
 from xqmap.evaluation import file, statistics
 from xqmap.evaluation.swept import flat, grouped, label, swept
@@ -92,7 +89,8 @@ class Row:
 
 def paper_figures() -> dict[str, dict[str, str]]:
     """What the paper prints, ``{task: {method: text}}`` (``conf/report/paper.yaml``)."""
-    return OmegaConf.to_container(OmegaConf.load(Path(conf.__path__[0]) / "report" / "paper.yaml"))  # type: ignore[return-value]
+    found = [folder / "report" / "paper.yaml" for folder in plugins.folders()]
+    return {task: texts for path in reversed(found) if path.is_file() for task, texts in plain.read(path).items()}
 
 
 def collect(root: str | Path) -> tuple[list[Result], dict[Path, str]]:

@@ -85,5 +85,7 @@ def machine(run: Run, env: ManiSkillEnv) -> dict[str, Any]:
 
 def settings_of(cfg: DictConfig, settings: DictConfig) -> dict[str, Any]:
     """What an evaluation depends on besides the weights: the world's settings and its own, plain values."""
-    parts = {"weights": cfg.task.weights, "env": cfg.task.env, "evaluation": settings}
+    # Which class a task's world is, the installed package says.
+    env = {name: value for name, value in cfg.task.env.items() if name != "_target_"}
+    parts = {"weights": cfg.task.weights, "env": OmegaConf.create(env), "evaluation": settings}
     return {name: OmegaConf.to_container(part, resolve=True) for name, part in parts.items()}

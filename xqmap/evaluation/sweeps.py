@@ -88,7 +88,8 @@ def baselines(sweep: Path, run: Run) -> tuple[str, dict[str, Any]] | None:
 def _of_these_scenes(path: Path, run: Run) -> dict[str, Any] | None:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
+        content["settings"]["env"].pop("_target_", None)
         same = content["task"] == run.cfg.task.name and content["settings"] == settings_of(run.cfg, run.cfg.evaluation)
         return content if same and {"weights_sha256", "baselines", "versions"} <= content.keys() else None
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None

@@ -17,7 +17,7 @@ from torch import Tensor
 
 from xqmap.config import arguments
 from xqmap.errors import UserError
-from xqmap.files import replacing
+from xqmap.files import forget_unfinished, replacing
 
 # The newest policy, the one that chose best among the last training decisions, and what it takes to go on from a
 # decision.
@@ -147,6 +147,7 @@ def prune(directory: Path, frames: int, keep: int) -> None:
     """Removes all but the last ``keep`` checkpoints up to the one of ``frames``; later ones are of a future that was
     given up.
     """
+    forget_unfinished((directory / TRAINING).parent)
     for path in trainings(directory):
         if int(path.stem.split("-")[1]) > frames:
             path.unlink()

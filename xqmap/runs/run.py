@@ -9,7 +9,7 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
-from xqmap.config import build, schema
+from xqmap.config import build, plugins, schema
 from xqmap.errors import UserError
 from xqmap.models.policy import GreedyPolicy
 from xqmap.runs import checkpoint
@@ -108,6 +108,11 @@ def stored_settings(facts: dict[str, Any], file: Path) -> DictConfig:
         schema.validate(cfg, playing=True)
     except UserError as error:
         raise UserError(f"{file}: {error}") from None
+    # Its world is the installed one of that name, wherever that was when this was trained.
+    named = cfg.task.env.get("_target_") if isinstance(cfg.task.env, DictConfig) else None
+    known = plugins.worlds().get(cfg.task.name)
+    if known and isinstance(named, str) and named.rpartition(".")[2] == known.rpartition(".")[2]:
+        cfg.task.env["_target_"] = known
     return cfg
 
 

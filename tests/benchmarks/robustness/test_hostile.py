@@ -15,7 +15,7 @@ from hydra import initialize_config_dir
 from omegaconf import DictConfig, OmegaConf
 
 from xqmap.benchmarks.robustness import fuzz, hostile
-from xqmap.config import build, cli
+from xqmap.config import build, plugins
 from xqmap.errors import UserError
 from xqmap.evaluation import results
 from xqmap.evaluation.run import evaluate_run
@@ -24,11 +24,11 @@ from xqmap.explanations.views import plots
 from xqmap.runs import checkpoint
 from xqmap.runs.run import load_run
 
-ROOT = Path(cli.CONF).parent
+ROOT = plugins.CONF.parent
 
 
 @pytest.fixture
-def policy(toy_config: Callable[..., DictConfig], trust_toy: None, tmp_path: Path) -> Path:
+def policy(toy_config: Callable[..., DictConfig], tmp_path: Path) -> Path:
     """A run directory with an untrained policy of the toy world."""
     cfg = toy_config("qnet.width=2")
     facts = {
@@ -198,7 +198,7 @@ def test_a_report_on_anything_is_written_or_refused_in_one_line(tmp_path: Path) 
 
 
 def test_any_overrides_are_taken_or_refused_in_one_line() -> None:
-    with initialize_config_dir(cli.CONF, version_base=None):
+    with initialize_config_dir(str(plugins.CONF), version_base=None):
         count = fuzz.overrides(60)
     assert 0 < count["refused"] <= count["cases"]
     assert count["crashes"] == 0

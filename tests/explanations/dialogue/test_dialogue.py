@@ -8,14 +8,14 @@ from pathlib import Path
 import pytest
 
 from tests.talks import decision, dialogue
-from xqmap.config import cli
+from xqmap.config import plugins
 from xqmap.explanations.dialogue import scoring
 from xqmap.explanations.dialogue.conversation import Dialogue, saved_conversation, scene_line
 from xqmap.explanations.dialogue.grounding import ungrounded
 from xqmap.explanations.views.page import page
 from xqmap.explanations.views.sentences import wording_for
 
-QUESTIONS = Path(cli.CONF) / "explain" / "questions"
+QUESTIONS = plugins.CONF / "explain" / "questions"
 
 
 @pytest.mark.parametrize("task", ["landing", "grasping"])

@@ -17,7 +17,7 @@ from hydra import compose, initialize_config_dir
 
 from tests.talks import dialogue
 from xqmap import chat
-from xqmap.config import build, cli
+from xqmap.config import build, plugins
 from xqmap.errors import UserError
 from xqmap.explanations.dialogue.conversation import Exchange
 from xqmap.explanations.dialogue.llm import OpenAICompatible
@@ -231,7 +231,7 @@ def test_thoughts_are_no_part_of_an_answer(
 ) -> None:
     server.replies = lambda sent: (200, "text/event-stream", events(*pieces))
     talk = dialogue(model=model(server))
-    exchange = chat._say(talk, "Why?")
+    exchange = chat._reply(talk, "Why?")
     assert (exchange.answer, exchange.ungrounded) == ("The blue one.", [])
     assert capsys.readouterr().out.endswith("The blue one.\n")
     talk.ask("And now?")
@@ -465,14 +465,14 @@ def test_a_proxy_that_does_not_answer_is_named(monkeypatch: pytest.MonkeyPatch) 
     ],
 )
 def test_a_setting_of_a_model_is_checked(setting: str, named: str) -> None:
-    with initialize_config_dir(cli.CONF, version_base=None):
+    with initialize_config_dir(str(plugins.CONF), version_base=None):
         settings = compose("chat", ["llm=openai", setting]).llm
     with pytest.raises(UserError, match=rf"^{re.escape(named)}\b"):
         build.language_model(settings)
 
 
 def test_settings_that_fit_make_a_model() -> None:
-    with initialize_config_dir(cli.CONF, version_base=None):
+    with initialize_config_dir(str(plugins.CONF), version_base=None):
         fit = ["llm.base_url=http://h/v1", "llm.model=tiny", "llm.max_tokens=null", "llm.temperature=null"]
         assert build.language_model(compose("chat", ["llm=openai", *fit]).llm) is not None
         assert build.language_model(compose("chat").llm) is None

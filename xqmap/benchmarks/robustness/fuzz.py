@@ -19,7 +19,7 @@ from omegaconf import DictConfig, OmegaConf
 from tqdm import tqdm
 
 from xqmap import explain, report
-from xqmap.config import cli, schema
+from xqmap.config import cli, plugins, schema
 from xqmap.explanations import Decision
 from xqmap.explanations.dialogue.conversation import Dialogue
 from xqmap.explanations.views.page import page
@@ -289,7 +289,7 @@ def reports(folder: Path, cases: int) -> dict[str, int]:
         form = "md" if made % _DRAWN else "html"
         made += 1
         told = {"runs": str(folder), "out": str(folder / f"report.{form}"), "format": form}
-        cfg = OmegaConf.merge(OmegaConf.load(Path(cli.CONF) / "report.yaml"), told)
+        cfg = OmegaConf.merge(OmegaConf.load(plugins.CONF / "report.yaml"), told)
         assert isinstance(cfg, DictConfig)
         try:
             with contextlib.redirect_stdout(io.StringIO()):

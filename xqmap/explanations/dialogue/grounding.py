@@ -8,6 +8,7 @@ import re
 from collections.abc import Iterable
 from functools import cache
 
+from xqmap.config import plugins
 from xqmap.explanations import contrast
 from xqmap.explanations.decision import Decision
 from xqmap.explanations.views import sentences
@@ -26,7 +27,7 @@ _NO_COLOR = re.compile(
 @cache
 def _known(*lists: str) -> list[str]:
     """What an answer may make up: the words that these lists hold in the wordings of all tasks."""
-    words = [sentences.wording_for(path.stem) for path in sentences.WORDING.glob("*.yaml")]
+    words = [sentences.wording_for(task) for task in plugins.stems("explain", "wording")]
     return sorted({str(name) for wording in words for names in lists for name in wording[names]})
 
 
