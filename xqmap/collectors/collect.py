@@ -12,6 +12,7 @@ import sys
 from collections.abc import Callable, Iterator
 from functools import partial
 from importlib.util import find_spec
+from multiprocessing import resource_tracker
 from typing import Any
 
 import torch
@@ -76,6 +77,15 @@ def collector(cfg: DictConfig, env: ManiSkillEnv, policy: TensorDictModuleBase, 
     # Not waiting for an answer: a worker that died would never give one.
     synced = {"policy": _Unheard(sync=False)}
     return Collector(envs, policy, weight_sync_schemes=synced, **processes, **whole, **shared)
+
+
+def outlive_the_terminal() -> None:
+    """Starts the process in which multiprocessing keeps books of what its others share so that it hears neither Ctrl-C
+    nor that the terminal is gone; to be called before anything else starts it, a first progress bar included.
+    """
+    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGHUP])
+    resource_tracker.ensure_running()
+    signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
 
 
 class _Unheard(MultiProcessWeightSyncScheme):

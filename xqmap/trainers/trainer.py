@@ -47,6 +47,7 @@ class Trainer:
     def __init__(
         self, cfg: DictConfig, directory: Path, saved: tuple[dict[str, Tensor], dict[str, Any]] | None = None
     ) -> None:
+        collect.outlive_the_terminal()
         self.cfg, self.directory = cfg, directory
         torch.manual_seed(cfg.seed)
         self.device = build.device(cfg)
