@@ -16,6 +16,8 @@ from xqmap.config import plugins
 def call(module: str, *arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", f"xqmap.{module}", *arguments]
     clean = {name: value for name, value in os.environ.items() if not name.startswith("OPENAI")}
+    # Meant for another program of Hydra's: here its own lines never come.
+    clean["HYDRA_FULL_ERROR"] = "0"
     return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=600, env=clean)
 
 

@@ -3,13 +3,19 @@ numbers.
 """
 
 import os
+from pathlib import Path
 from typing import Any
 
-from xqmap import matplotlib_import  # noqa: F401 (before anything else imports matplotlib)
+from xqmap import launch, matplotlib_import  # noqa: F401 (before anything else takes time, or imports matplotlib)
 
 # Idle OpenMP threads that spin take the processor from the simulator and from other programs; beside one busy neighbour
 # on two processors an update was ten times slower with spinning. Has to be set before torch is imported.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+# Of a user without a home (a container's), SAPIEN says no word and finds no shaders later on.
+try:
+    Path.home()
+except RuntimeError:
+    os.environ["HOME"] = "/nonexistent"
 
 __all__ = ["ask", "decide", "learn", "load", "make_env", "play", "rewards", "settings", "show", "why"]
 

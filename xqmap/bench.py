@@ -12,6 +12,7 @@ from xqmap import doctor
 from xqmap.config import cli, schema
 from xqmap.errors import UserError
 from xqmap.files import require_place, write_atomically
+from xqmap.terminal import say
 
 
 def bench(cfg: DictConfig) -> None:
@@ -40,13 +41,13 @@ def bench(cfg: DictConfig) -> None:
         shown = [
             f"{key} {value:.4g}" if isinstance(value, float) else f"{key} {value}" for key, value in measured.items()
         ]
-        print(f"{name:<12}{'  '.join(shown)}")
+        say(f"{name:<12}{'  '.join(shown)}")
     text = json.dumps(results, indent=1)
     if cfg.out is not None:
         write_atomically(Path(cfg.out), (text + "\n").encode())
-        print(f"wrote {cfg.out}")
+        say(f"wrote {cfg.out}")
     else:
-        print(text)
+        say(text)
 
 
 main = cli.main("bench")(bench)

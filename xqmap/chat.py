@@ -16,6 +16,7 @@ from xqmap.explanations.views.page import page
 from xqmap.explanations.views.sentences import wording_for
 from xqmap.files import write_atomically
 from xqmap.runs.decide import default_folder
+from xqmap.terminal import say
 
 
 def chat(cfg: DictConfig) -> None:
@@ -25,12 +26,12 @@ def chat(cfg: DictConfig) -> None:
     decision = decisions_of(cfg)[-1]
     dialogue = Dialogue(decision, wording_for(decision.task), model)
     if cfg.show_prompt:
-        print(system_prompt(decision, dialogue.words), scene_line(decision), sep="\n\n", end="\n\n")
+        say(system_prompt(decision, dialogue.words), scene_line(decision), sep="\n\n", end="\n\n")
     if questions:
         asked = [dialogue.ask(entry.ask) for entry in tqdm(questions, unit="question", desc="asking")]
-        print(scoring.report(asked, questions))
+        say(scoring.report(asked, questions))
     elif cfg.question is not None:
-        _say(dialogue, str(cfg.question))
+        _reply(dialogue, str(cfg.question))
     else:
         _converse(dialogue)
     if dialogue.exchanges:
@@ -42,47 +43,47 @@ def chat(cfg: DictConfig) -> None:
         write_atomically(folder / "dialogue.md", dialogue.to_markdown().encode())
         html = page([decision], [(e.question, e.answer) for e in dialogue.exchanges])
         write_atomically(folder / "explanation.html", html.encode())
-        print(f"wrote dialogue.json, dialogue.md and explanation.html to {folder}")
+        say(f"wrote dialogue.json, dialogue.md and explanation.html to {folder}")
 
 
 def _converse(dialogue: Dialogue) -> None:
     if sys.stdin.isatty():
         import readline  # noqa: F401 (line editing and history)
     chosen = dialogue.decision.selected.object
-    print(f"I chose the {chosen}. Ask me why; 'help' says what I can answer, 'exit' ends.")
+    say(f"I chose the {chosen}. Ask me why; 'help' says what I can answer, 'exit' ends.")
     while True:
         try:
             question = input("> ").strip()
         except (EOFError, KeyboardInterrupt):
-            print()
+            say()
             return
         if question.lower().rstrip(".!") in ("exit", "quit", "bye"):
             return
         if question:
             try:
-                _say(dialogue, question)
+                _reply(dialogue, question)
             except KeyboardInterrupt:
-                print("\n(stopped)")
+                say("\n(stopped)")
 
 
-def _say(dialogue: Dialogue, question: str) -> Exchange:
+def _reply(dialogue: Dialogue, question: str) -> Exchange:
     streamed: list[str] = []
 
     def show(piece: str) -> None:
         streamed.append(piece)
-        print(piece, end="", flush=True)
+        say(piece, end="")
 
     exchange = dialogue.ask(question, show)
     if streamed:
-        print()
+        say()
     if exchange.failure:
-        print(f"({exchange.failure}; from the numbers alone:)")
+        say(f"({exchange.failure}; from the numbers alone:)")
     if exchange.source == "template":
-        print(exchange.answer)
+        say(exchange.answer)
     elif "".join(streamed).strip() != exchange.answer:
-        print(f"(so far the model thought; its answer:)\n{exchange.answer}")
+        say(f"(so far the model thought; its answer:)\n{exchange.answer}")
     if exchange.ungrounded:
-        print(f"(careful: not in this decision: {', '.join(exchange.ungrounded)})")
+        say(f"(careful: not in this decision: {', '.join(exchange.ungrounded)})")
     return exchange
 
 

@@ -9,6 +9,7 @@ from xqmap.config import build, cli, schema
 from xqmap.envs.check import check_task
 from xqmap.envs.protocol import Task
 from xqmap.errors import UserError
+from xqmap.terminal import say
 
 
 def check(cfg: DictConfig) -> None:
@@ -29,10 +30,10 @@ def check(cfg: DictConfig) -> None:
     names = [str(name) for name in cfg.task.components]
     findings = check_task(make_task, names, scenes=list(cfg.evaluation.seeds))
     for finding in findings:
-        print(finding)
+        say(str(finding))
     if broken := sum(bool(finding.troubles) for finding in findings):
         raise UserError(f"{cfg.task.name}: {broken} of {len(findings)} rules are broken, see MEND above")
-    print(f"{cfg.task.name} keeps the contract")
+    say(f"{cfg.task.name} keeps the contract")
 
 
 main = cli.main("check")(check)

@@ -14,6 +14,7 @@ from omegaconf import DictConfig
 
 from xqmap.config import cli
 from xqmap.errors import UserError
+from xqmap.terminal import say
 
 FIX_VULKAN = (
     "run 'make setup' (it installs Mesa's CPU driver), or install a Vulkan driver: Mesa lavapipe 24.3 or newer does"
@@ -119,7 +120,7 @@ def doctor(cfg: DictConfig) -> None:
         raise UserError(f"only={cfg.only} is not one of {', '.join(CHECKS)}")
     findings = [check() for name, check in CHECKS.items() if cfg.only in (None, name)]
     for finding in findings:
-        print(f"{'ok ' if finding.ok else 'FIX'} {finding.name}: {finding.line}")
+        say(f"{'ok ' if finding.ok else 'FIX'} {finding.name}: {finding.line}")
     if any(not finding.ok and finding.vital for finding in findings):
         sys.exit(1)
 

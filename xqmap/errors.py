@@ -1,5 +1,7 @@
 """Exceptions whose message is meant for the person at the keyboard."""
 
+from xqmap.terminal import one_line
+
 
 class UserError(Exception):
     """A mistake that the user can mend: the message is one line that names the setting (or file) and the fix."""
@@ -15,7 +17,7 @@ class WorkerLost(WorldError):
 
 def brief(error: BaseException, most: int = 200) -> str:
     """What another's exception says, on one line of at most so many characters."""
-    return " ".join(str(error).split())[:most]
+    return one_line(str(error))[:most]
 
 
 class Stopped(KeyboardInterrupt):

@@ -19,6 +19,7 @@ from xqmap.explanations.views.page import page
 from xqmap.files import write_atomically
 from xqmap.runs.decide import decide, default_folder
 from xqmap.runs.run import load_run
+from xqmap.terminal import say
 
 
 def explain(cfg: DictConfig) -> None:
@@ -38,12 +39,12 @@ def explain(cfg: DictConfig) -> None:
         write_atomically(out / "explanation.html", page(decisions).encode())
         written.append(out / "explanation.html")
     for decision in decisions:
-        print(
+        say(
             f"\nDecision {decision.step + 1}: {decision.selected.object}" if len(decisions) > 1 else "",
             why(decision),
             sep="\n",
         )
-    print(f"\nwrote {len(written)} files to {out}: {', '.join(sorted({path.name for path in written}))}")
+    say(f"\nwrote {len(written)} files to {out}: {', '.join(sorted({path.name for path in written}))}")
 
 
 def decisions_of(cfg: DictConfig) -> list[Decision]:
@@ -69,7 +70,7 @@ def write(decision: Decision, folder: Path) -> list[Path]:
     write_atomically(folder / "explanation.txt", (why(decision) + "\n").encode())
     write_atomically(folder / "explanation.html", html.encode())
     if decision.maps is None:
-        print("qmaps are not drawn: there are no maps (decision.npz) beside the decision file")
+        say("qmaps are not drawn: there are no maps (decision.npz) beside the decision file")
     else:
         written += plots.save(plots.qmaps(decision), folder / "qmaps")
     written += plots.save(plots.overview(decision, excerpt(decision)), folder / "overview")

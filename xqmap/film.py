@@ -19,6 +19,7 @@ from xqmap.errors import UserError
 from xqmap.evaluation.baselines import greedy
 from xqmap.files import replacing, require_place
 from xqmap.runs.run import load_run
+from xqmap.terminal import say
 
 
 def film(cfg: DictConfig) -> None:
@@ -49,7 +50,7 @@ def film(cfg: DictConfig) -> None:
             video.close()
     finally:
         env.close()
-    print(f"wrote {out}: {made} decisions, {frames / env.task.frame_rate:.1f} s")
+    say(f"wrote {out}: {made} decisions, {frames / env.task.frame_rate:.1f} s")
 
 
 def _writer(path: Path, frame: np.ndarray, rate: float) -> Any:

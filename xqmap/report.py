@@ -14,11 +14,14 @@ from xqmap.config import cli
 from xqmap.errors import UserError
 from xqmap.evaluation import results, tables
 from xqmap.evaluation.sheets import ALL
+from xqmap.evaluation.swept import swept
 from xqmap.explanations.views import plots
 from xqmap.files import write_atomically
 from xqmap.reports import stories
 from xqmap.reports.page import Report, page
 from xqmap.reports.runs import Run, gather
+from xqmap.terminal import one_line, say
+from xqmap.trainers import wandb_environment
 
 FORMATS = ("html", "md", "csv")
 
@@ -32,6 +35,8 @@ def report(cfg: DictConfig) -> None:
         raise UserError(f"format={cfg.format} is not one of {', '.join(FORMATS)}")
     if cfg.log is not None and cfg.format != "html":
         raise UserError(f"log={cfg.log} keeps the page: format=html makes one")
+    if cfg.log is not None and wandb_environment.mode(cfg.logger.mode) == "disabled":
+        raise UserError(f"log={cfg.log} keeps the page in a run of wandb's, which logger.mode or WANDB_MODE disables")
     out = Path(cfg.out or f"report.{cfg.format}")
     found, left_out = results.collect(root)
     shown = _of_sheets(found, cfg.sheets)
@@ -50,7 +55,7 @@ def report(cfg: DictConfig) -> None:
                 f"runs={root} holds no run of xqmap"
                 + (f" ({why})" if why else ": train one with python -m xqmap.train")
             )
-        names = results.swept(runs)
+        names = swept(runs)
     rows = results.table(shown, results.paper_figures(), names)
     whole = Report(str(root), runs, rows, left_out)
     if cfg.format == "html":
@@ -63,18 +68,18 @@ def report(cfg: DictConfig) -> None:
     written = content.encode(errors="replace")
     write_atomically(out, written)
     if rows:
-        print(tables.text(rows))
+        say(tables.text(rows))
     for path, reason in left_out.items():
-        print(f"left out: {path} ({reason})")
-    print(f"wrote {out} ({len(written) / 1e6:.1f} MB)")
+        say(one_line(f"left out: {path} ({reason})"))
+    say(f"wrote {out} ({len(written) / 1e6:.1f} MB)")
     if cfg.log is not None:
         from xqmap.trainers.logger import log_page  # imports ManiSkill, which a report does not need
 
         Path(cfg.log).mkdir(parents=True, exist_ok=True)
-        print(f"logged it to {log_page(out, Path(cfg.log), str(root), cfg.logger)}")
+        say(f"logged it to {log_page(out, Path(cfg.log), str(root), cfg.logger)}")
     if cfg.figures is not None:
         saved = _save_figures(whole, Path(cfg.figures))
-        print(f"wrote {len(saved)} files to {cfg.figures}: {', '.join(path.name for path in saved)}")
+        say(f"wrote {len(saved)} files to {cfg.figures}: {', '.join(path.name for path in saved)}")
 
 
 def _of_sheets(found: list[results.Result], told: Any) -> list[results.Result]:
@@ -91,9 +96,9 @@ def _save_figures(report: Report, folder: Path) -> list[Path]:
     folder.mkdir(parents=True, exist_ok=True)
     written: list[Path] = []
     for task in tqdm(report.tasks, unit="task", desc="drawing"):
-        if told := stories.best_told(report.trained(task)):
-            decision, place, _ = told
-            written += plots.save(plots.overview(decision, stories.asked(decision, place)), folder / task)
+        if found := stories.best_told(report.trained(task)):
+            decision, place, _ = found
+            written += plots.save(plots.overview(decision, stories.dialogue(decision, place)), folder / task)
         for name, figure, _ in report.figures(task):
             written += plots.save(figure, folder / f"{task}-{name}")
     return written

@@ -25,6 +25,7 @@ from xqmap.evaluation.run import evaluate_run
 from xqmap.files import write_atomically
 from xqmap.runs import checkpoint, locks
 from xqmap.runs.run import load_run, stored_settings
+from xqmap.terminal import say
 
 Saved = tuple[dict[str, Tensor], dict[str, Any]]
 
@@ -41,7 +42,7 @@ def train(cfg: DictConfig) -> float:
         directory = place.parent.parent if place.suffix == ".safetensors" else place
         saved = checkpoint.read_training(place)
         cfg = stored_settings(saved[1], place)
-        print(f"going on with {directory} from decision {saved[1].get('frames')}")
+        say(f"going on with {directory} from decision {saved[1].get('frames')}")
     else:
         directory, sweep = Path(HydraConfig.get().runtime.output_dir), HydraConfig.get().mode == RunMode.MULTIRUN
         if not sweep and ((directory / checkpoint.POLICY).exists() or checkpoint.trainings(directory)):
@@ -56,7 +57,7 @@ def train(cfg: DictConfig) -> float:
         torch.set_num_threads(cfg.threads)
     with locks.alone(directory):
         if sweep:
-            print(f"job {HydraConfig.get().job.num}: {directory}")
+            say(f"job {HydraConfig.get().job.num}: {directory}")
             saved = sweeps.saved(directory, cfg)
         if not sweep or saved is None or saved[1]["frames"] < cfg.trainer.frames:
             _train(cfg, directory, saved)
@@ -73,7 +74,7 @@ def _evaluate(cfg: DictConfig, directory: Path, again: bool) -> float:
         path = evaluation_file(directory, sheet)
         played = None if again else sweeps.evaluated(path, run)
         if played:
-            print(f"{path} is complete: not played again")
+            say(f"{path} is complete: not played again")
         else:
             known = None if again else sweeps.baselines(directory.parent, run)
             played = evaluate_run(run, run.cfg.evaluation, path, sheet, known)
@@ -107,17 +108,17 @@ def _train(cfg: DictConfig, directory: Path, saved: Saved | None) -> None:
     except (UserError, OSError) as error:
         raise UserError(f"{cli.told(error)}; {further()}") from error
     except Stopped:
-        print(f"stopped at once; {further()}")
+        say(f"stopped at once; {further()}")
         raise
     finally:
         trainer.close()
     seconds = time.perf_counter() - start
-    print(
+    say(
         f"{trainer.frames} decisions and {trainer.updates} updates in {seconds:.0f} s; policy in "
         f"{directory / checkpoint.POLICY}"
     )
     if trainer.stopped_by:
-        print(f"stopped; {further()}")
+        say(f"stopped; {further()}")
         raise Stopped(trainer.stopped_by)
 
 

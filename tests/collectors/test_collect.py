@@ -228,3 +228,20 @@ def test_an_interrupted_parallel_run_saves_and_leaves_no_process(tmp_path: Path)
         for _ in range(50):
             os.killpg(running.pid, 0)
             time.sleep(0.1)
+
+
+_HUNG_UP = """
+import os, signal, time
+from multiprocessing import resource_tracker
+from xqmap.collectors import collect
+collect.outlive_the_terminal()
+keeper = resource_tracker._resource_tracker._pid
+os.kill(keeper, signal.SIGHUP)
+time.sleep(0.5)
+assert os.waitpid(keeper, os.WNOHANG) == (0, 0)
+"""
+
+
+def test_the_book_keeper_of_all_processes_outlives_the_terminal() -> None:
+    done = subprocess.run([sys.executable, "-c", _HUNG_UP], capture_output=True, text=True, timeout=600)
+    assert done.returncode == 0, done.stderr

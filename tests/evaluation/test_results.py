@@ -13,6 +13,7 @@ import pytest
 from xqmap.errors import UserError
 from xqmap.evaluation import results, tables
 from xqmap.evaluation.statistics import wilson
+from xqmap.evaluation.swept import swept
 
 
 def write_run(
@@ -90,7 +91,7 @@ def test_swept_settings_split_rows_and_are_named(tmp_path: Path) -> None:
         for seed in (0, 1):
             write_run(tmp_path, f"w{width}s{seed}", 9, seed=seed, qnet={"width": width, "depth": 2})
     found, _ = results.collect(tmp_path)
-    assert results.swept(found) == {"landing": ["qnet.width"]}
+    assert swept(found) == {"landing": ["qnet.width"]}
     assert [row.label for row in results.table(found)] == [
         "xqmap, qnet.width=8",
         "xqmap, qnet.width=16",
@@ -101,7 +102,7 @@ def test_swept_settings_split_rows_and_are_named(tmp_path: Path) -> None:
 def test_settings_that_change_together_are_named_by_one(tmp_path: Path) -> None:
     for name, frames, batch, gamma in [("a", 40, 8, 0), ("b", 1000, 32, 0), ("c", 1000, 32, 0.5)]:
         write_run(tmp_path, name, 9, trainer={"frames": frames, "batch": batch}, loss={"gamma": gamma})
-    assert results.swept(results.collect(tmp_path)[0]) == {"landing": ["trainer.frames", "loss.gamma"]}
+    assert swept(results.collect(tmp_path)[0]) == {"landing": ["trainer.frames", "loss.gamma"]}
 
 
 def test_a_setting_that_older_trainings_lack_was_not_swept(tmp_path: Path) -> None:

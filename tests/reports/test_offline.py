@@ -7,6 +7,7 @@ import math
 import os
 import subprocess
 import sys
+import time
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
@@ -26,6 +27,16 @@ from xqmap.trainers.logger import Log
 ROWS = 200
 
 
+def closed(folder: Path) -> Path:
+    """The file of the one run logged in a folder, when wandb's own process has written all of it."""
+    for _ in range(100):
+        (file,) = folder.glob("wandb/offline-run-*/*.wandb")
+        if offline.read(file).exit_code is not None:
+            return file
+        time.sleep(0.1)
+    raise AssertionError(f"{file} does not end")
+
+
 @pytest.fixture(scope="module")
 def logged(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run's file of several blocks, with gaps and a picture."""
@@ -36,7 +47,7 @@ def logged(tmp_path_factory: pytest.TempPathFactory) -> Path:
         log.row({"frames": 4 * i, "success": i / 7, "loss/left": 1 / i if i % 3 else math.nan})
     log.picture("qmaps", folder / "picture.png", 4 * ROWS)
     log.close()
-    return next(folder.rglob("offline-run-*/*.wandb"))
+    return closed(folder)
 
 
 def test_it_says_what_wandbs_own_command_says(logged: Path) -> None:

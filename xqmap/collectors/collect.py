@@ -12,6 +12,7 @@ import sys
 from collections.abc import Callable, Iterator
 from functools import partial
 from importlib.util import find_spec
+from multiprocessing import resource_tracker
 from typing import Any
 
 import torch
@@ -28,6 +29,7 @@ from xqmap.envs.maniskill import ManiSkillEnv
 from xqmap.errors import UserError, WorkerLost, brief
 from xqmap.evaluation.play import SCENES_PER_TRAINING, training_scenes
 from xqmap.models.policy import GreedyPolicy
+from xqmap.terminal import endure, one_line, say
 
 # Seconds that workers may take to say that they have their new weights.
 _PATIENCE = 60.0
@@ -75,6 +77,15 @@ def collector(cfg: DictConfig, env: ManiSkillEnv, policy: TensorDictModuleBase, 
     # Not waiting for an answer: a worker that died would never give one.
     synced = {"policy": _Unheard(sync=False)}
     return Collector(envs, policy, weight_sync_schemes=synced, **processes, **whole, **shared)
+
+
+def outlive_the_terminal() -> None:
+    """Starts the process in which multiprocessing keeps books of what its others share so that it hears neither Ctrl-C
+    nor that the terminal is gone; to be called before anything else starts it, a first progress bar included.
+    """
+    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGHUP])
+    resource_tracker.ensure_running()
+    signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
 
 
 class _Unheard(MultiProcessWeightSyncScheme):
@@ -144,8 +155,8 @@ def close(source: BaseCollector, alone: bool) -> None:
 
 
 class _Worker:
-    """Builds the environment where it is called. An interrupt at the keyboard reaches every process: the trainer alone
-    answers it.
+    """Builds the environment where it is called. Ctrl-C and the end of the terminal reach every process: the trainer
+    alone answers them.
 
     What fails there is told there, in one line, and ends the process: raised, it would be told with all its stacks.
     """
@@ -154,7 +165,9 @@ class _Worker:
         self.make = make
 
     def __call__(self) -> ManiSkillEnv:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        endure()
+        for number in (signal.SIGINT, signal.SIGHUP):
+            signal.signal(number, signal.SIG_IGN)
         # The processors belong to the other workers and to the updates.
         os.environ.setdefault("LP_NUM_THREADS", "1")
         torch.set_num_threads(1)
@@ -168,7 +181,7 @@ def _or_end(act: Callable[..., TensorDictBase], *args: Any, **kwargs: Any) -> Te
     try:
         return act(*args, **kwargs)
     except UserError as error:
-        print(f"error in a worker: {error}", file=sys.stderr, flush=True)
+        say(one_line(f"error in a worker: {error}"), to=sys.stderr)
         os._exit(1)
 
 

@@ -20,23 +20,27 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from xqmap import launch
 from xqmap.config import arguments, plugins, schema
 from xqmap.errors import Stopped, UserError
+from xqmap.terminal import endure, one_line, say
 
-# Hydra's own short message would be followed by advice to set this; we print one line ourselves.
-os.environ.setdefault("HYDRA_FULL_ERROR", "1")
+# Hydra's own short message would be followed by advice to set this, whatever it is set to; we print one line ourselves.
+os.environ["HYDRA_FULL_ERROR"] = "1"
 
 
 def main(config_name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[], None]]:
     """Turns ``command(cfg)`` into a program configured by ``conf/<config_name>.yaml`` and ``key=value`` arguments.
 
     Exit status: 0 when it did what was asked, 1 on a mistake the person can mend (told in one line), 130 on Ctrl-C, 143
-        on SIGTERM. Of a
-    sweep's jobs (``-m``) one that fails does not keep the others from running; Ctrl-C ends the sweep.
+    on SIGTERM, 129 on SIGHUP (the terminal is gone); a print that nobody can read changes none of that. Of a sweep's
+    jobs (``-m``) one that fails does not keep the others from running; Ctrl-C ends the sweep.
     """
 
     def wrap(command: Callable[[DictConfig], Any]) -> Callable[[], None]:
         def program() -> None:
+            launch.imported()
+            endure()
             schema.register()
             logging.getLogger("torchrl").setLevel(logging.WARNING)
             failed: list[Exception] = []
@@ -45,7 +49,9 @@ def main(config_name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[
             def guarded(cfg: DictConfig) -> Any:
                 nonlocal composed
                 composed = True
-                schema.register()  # a parallel launcher's process has not
+                # A parallel launcher's process has done neither.
+                endure()
+                schema.register()
                 try:
                     _read_places(cfg)
                     return command(cfg)
@@ -57,7 +63,8 @@ def main(config_name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[
                         raise
                     failed.append(error)
 
-            signal.signal(signal.SIGTERM, _terminate)
+            for number in launch.stopping():
+                signal.signal(number, _terminate)
             try:
                 sys.argv = [sys.argv[0], *arguments.literal(sys.argv[1:])]
                 hydra.main(version_base=None, config_path=str(plugins.CONF), config_name=config_name)(guarded)()
@@ -66,14 +73,14 @@ def main(config_name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[
             except Stopped as error:
                 sys.exit(128 + error.number)
             except KeyboardInterrupt:
-                print("stopped", file=sys.stderr)
+                say("stopped", to=sys.stderr)
                 sys.exit(130)
             except Exception as error:
                 # Before the command began, whatever went wrong is a mistake in its arguments, of whichever type Hydra
                 # makes it.
                 if not (line := told(error) if composed else told(error) or mistake(error)):
                     raise
-                sys.exit(one_line(line))
+                sys.exit(one_line(f"error: {line}"))
 
         return program
 
@@ -97,7 +104,7 @@ def told(error: Exception) -> str:
 
 
 def _terminate(number: int, frame: FrameType | None) -> None:
-    print("stopped", file=sys.stderr)
+    say("stopped", to=sys.stderr)
     raise Stopped(number)
 
 
@@ -142,7 +149,7 @@ def resume_in_place(arguments: list[str]) -> None:
     )
     if resumed and resumed != "null":
         if len(arguments) > 2:
-            sys.exit(one_line("resume=DIR goes on with the settings the run was started with: give no other setting"))
+            sys.exit("error: resume=DIR goes on with the settings the run was started with: give no other setting")
         arguments += [
             "hydra.run.dir=.",
             "hydra.output_subdir=null",
@@ -157,11 +164,6 @@ def _forget_empty_run() -> None:
     if directory != Path.cwd():
         with contextlib.suppress(OSError):
             directory.rmdir()
-
-
-def one_line(text: str) -> str:
-    """What is printed of a mistake, whatever control characters it holds."""
-    return "error: " + " ".join("".join(c if c.isprintable() else " " for c in text).split())
 
 
 def mistake(error: Exception) -> str:

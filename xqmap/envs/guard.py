@@ -2,32 +2,66 @@
 
 from __future__ import annotations
 
-import faulthandler
-import functools
+import contextlib
+import os
 import signal
 import subprocess
+import sys
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+from xqmap.envs import watchdog
 from xqmap.errors import UserError, WorldError, brief
 
 # Code that no Python signal handler can interrupt is ended with its process, this many seconds after the limit.
 _GRACE = 10.0
 
 
-@functools.cache
-def _teller() -> subprocess.Popen[bytes]:
-    """Makes one line for a person of the stacks that faulthandler writes to it: this process will not come to say it
-    itself.
-    """
-    line = (
-        "error: a decision does not end and cannot be interrupted (trainer.decision_limit): the simulator hangs; "
-        "resume=DIR goes on"
-    )
-    # To the process's own stderr: what stands in for it (a notebook, a test) may have no file behind it.
-    return subprocess.Popen(["sed", "-n", f"1s/.*/{line}/p"], stdin=subprocess.PIPE, stdout=2, start_new_session=True)
+class _Watch:
+    """This process's watchdog, and the decision that it times now."""
+
+    def __init__(self) -> None:
+        self.pid = 0
+        self.dog: subprocess.Popen[bytes] | None = None
+        self.where, self.limit, self.begun = "", 0.0, 0.0
+
+    def begin(self, where: str, limit: float) -> None:
+        """Starts to time a decision; only in a main thread."""
+        # Not one of the process that this one was forked from.
+        if self.dog is None or self.pid != os.getpid() or self.dog.poll() is not None:
+            signal.signal(watchdog.LATE, self._late)
+            self.pid = os.getpid()
+            # To the process's own stderr: what stands in for it (a notebook, a test) may have no file behind it.
+            self.dog = subprocess.Popen(
+                [sys.executable, "-I", "-S", watchdog.__file__], stdin=subprocess.PIPE, stdout=2, start_new_session=True
+            )
+        self.where, self.limit, self.begun = where, limit, time.monotonic()
+        self._tell(f"{limit} {_GRACE}\n")
+
+    def end(self) -> None:
+        """The decision is over."""
+        self.limit = 0.0
+        self._tell("\n")
+
+    def _tell(self, line: str) -> None:
+        assert self.dog is not None and self.dog.stdin is not None
+        with contextlib.suppress(BrokenPipeError):  # the next decision gets another one
+            os.write(self.dog.stdin.fileno(), line.encode())
+
+    def _late(self, number: int, frame: FrameType | None) -> None:
+        # It may have been sent for a decision that is over by now.
+        limit = self.limit
+        if limit and time.monotonic() - self.begun >= limit:
+            self.end()
+            raise WorldError(
+                f"a decision in {self.where} took more than {limit:g} s (trainer.decision_limit): the simulator hangs"
+            )
+
+
+_watch = _Watch()
 
 
 @contextmanager
@@ -36,32 +70,21 @@ def guarded(where: str, limit: float | None) -> Iterator[None]:
 
     Args:
         where: what messages call it (``"scene 7"``).
-        limit: the most seconds it may take; None for no limit. Only a main thread can be held to it.
+        limit: the most seconds it may take, not counting those in which the process is stopped; None for no limit. Only
+            a main thread can be held to it.
 
     Raises:
         WorldError: if the simulator throws or takes longer.
     """
-
-    def late(number: int, frame: FrameType | None) -> None:
-        raise WorldError(
-            f"a decision in {where} took more than {limit:g} s (trainer.decision_limit): the simulator hangs"
-        )
-
-    timed = limit is not None and threading.current_thread() is threading.main_thread()
+    timed = threading.current_thread() is threading.main_thread()
     try:
         if timed and limit is not None:
-            before = signal.signal(signal.SIGALRM, late)
-            signal.setitimer(signal.ITIMER_REAL, limit)
-            teller = _teller().stdin
-            assert teller is not None
-            faulthandler.dump_traceback_later(limit + _GRACE, exit=True, file=teller)
+            _watch.begin(where, limit)
         yield
     except UserError:
         raise
     except Exception as error:
         raise WorldError(f"the simulator failed in {where} ({type(error).__name__}: {brief(error, 300)})") from error
     finally:
-        if timed:
-            signal.setitimer(signal.ITIMER_REAL, 0)
-            signal.signal(signal.SIGALRM, before)
-            faulthandler.cancel_dump_traceback_later()
+        if timed and limit is not None:
+            _watch.end()

@@ -16,6 +16,7 @@ from xqmap.evaluation import calibration, play
 from xqmap.files import write_atomically
 from xqmap.runs import checkpoint
 from xqmap.runs.run import Run, load_run
+from xqmap.terminal import say
 
 
 def evaluate_run(
@@ -66,10 +67,10 @@ def evaluate_run(
         "versions": checkpoint.versions(),
     }
     write_atomically(out, (json.dumps(result, indent=1) + "\n").encode())
-    print(play.table(result))
+    say(play.table(result))
     if settings.calibration:
-        print(calibration.table(played["calibration"]))
-    print(f"wrote {out}")
+        say(calibration.table(played["calibration"]))
+    say(f"wrote {out}")
     return result
 
 

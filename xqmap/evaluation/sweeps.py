@@ -13,9 +13,11 @@ from torch import Tensor
 from xqmap.errors import UserError
 from xqmap.evaluation import results, tables
 from xqmap.evaluation.run import settings_of
+from xqmap.evaluation.swept import differing, flat, shown
 from xqmap.files import write_atomically
 from xqmap.runs import checkpoint
 from xqmap.runs.run import Run, stored_settings
+from xqmap.terminal import one_line, say
 
 # Settings that no trained weight depends on.
 _BESIDE = ("evaluation", "sheets", "device", "threads", "resume", "logger")
@@ -38,10 +40,10 @@ class Table(Callback):
         }
         for name, content in written.items():
             write_atomically(directory / name, content.encode())
-        print(tables.text(rows))
+        say(tables.text(rows))
         for path, why in unread.items():
-            print(f"not in the table: {path} ({why})")
-        print(f"wrote {', '.join(written)} to {directory}")
+            say(one_line(f"not in the table: {path} ({why})"))
+        say(f"wrote {', '.join(written)} to {directory}")
 
 
 def saved(directory: Path, cfg: DictConfig) -> tuple[dict[str, Tensor], dict[str, Any]] | None:
@@ -53,12 +55,10 @@ def saved(directory: Path, cfg: DictConfig) -> tuple[dict[str, Tensor], dict[str
     if not checkpoint.trainings(directory):
         return None
     found = checkpoint.read_training(directory)
-    before, now = (
-        results.flat(OmegaConf.to_container(c, resolve=True)) for c in (stored_settings(found[1], directory), cfg)
-    )
-    names = [name for name in results.differing([before, now]) if name.split(".")[0] not in _BESIDE]
+    before, now = (flat(OmegaConf.to_container(c, resolve=True)) for c in (stored_settings(found[1], directory), cfg))
+    names = [name for name in differing([before, now]) if name.split(".")[0] not in _BESIDE]
     if names:
-        was, told = (results.shown(settings.get(names[0])) for settings in (before, now))
+        was, told = (shown(settings.get(names[0])) for settings in (before, now))
         raise UserError(
             f"{directory} holds a run with {names[0]}={was}, not {told}: choose another hydra.sweep.dir, or take it "
             "away"

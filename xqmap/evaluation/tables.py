@@ -6,7 +6,8 @@ import csv
 import io
 from collections.abc import Sequence
 
-from xqmap.evaluation.results import Row, shown
+from xqmap.evaluation.results import Row
+from xqmap.evaluation.swept import shown
 
 COLUMNS = (
     "task",

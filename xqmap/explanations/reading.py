@@ -6,6 +6,7 @@ from typing import Any
 
 from xqmap.errors import UserError
 from xqmap.explanations.candidate import SELECTED, Candidate
+from xqmap.terminal import one_line
 
 _LONGEST_NAME = 200
 # Of entries in a list: what can still be read by a person, and drawn.
@@ -33,7 +34,7 @@ def parse(content: Any, source: str) -> dict[str, Any]:
         if len(value) > _LONGEST_NAME:
             raise wrong(place, f"is longer than {_LONGEST_NAME} characters")
         # Control characters could move a terminal's cursor or hide text; a name has none.
-        return " ".join("".join(c if c.isprintable() else " " for c in value).split()) or "unnamed"
+        return one_line(value) or "unnamed"
 
     def number(value: Any, place: str) -> float:
         if isinstance(value, bool) or not isinstance(value, int | float):

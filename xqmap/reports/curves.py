@@ -13,8 +13,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from xqmap.evaluation import results, tables
+from xqmap.evaluation import tables
 from xqmap.evaluation.results import Row
+from xqmap.evaluation.swept import grouped
 from xqmap.explanations.views.style import PALETTE, drawing
 from xqmap.reports.runs import Run
 
@@ -170,7 +171,7 @@ def _percent(value: float, place: float) -> str:
 def intervals(rows: Sequence[Row], colors: dict[str, str]) -> Figure:
     """A task's rates with their intervals: methods and baselines one below the other, sheets side by side."""
     labels = list(dict.fromkeys(row.label for row in rows))
-    sheets = results.grouped(rows, lambda row: row.sheet)
+    sheets = grouped(rows, lambda row: row.sheet)
     with drawing(_SMALL):
         figure = Figure(figsize=(WIDTH, 0.7 + 0.27 * len(labels)), layout="constrained")
         axes = figure.subplots(1, len(sheets), sharey=True, squeeze=False)

@@ -12,8 +12,9 @@ from typing import Any
 
 from xqmap.evaluation import results, tables
 from xqmap.evaluation.file import is_number
-from xqmap.evaluation.results import Row, shown
-from xqmap.reports import markup
+from xqmap.evaluation.results import Row
+from xqmap.evaluation.swept import differing, grouped, shown
+from xqmap.explanations.views import markup
 from xqmap.reports.runs import Run
 
 
@@ -74,7 +75,7 @@ def components(rows: Sequence[Row]) -> str:
 
 def settings(every: Sequence[Run]) -> str:
     """What differs between a task's trainings besides the seed: one line per setting and value."""
-    names = [name for name in results.differing(run.settings for run in every) if name != "seed"]
+    names = [name for name in differing(run.settings for run in every) if name != "seed"]
     if not names:
         return "<h3>Settings that differ</h3><p>None but the seed.</p>"
     lines = []
@@ -93,12 +94,10 @@ def settings(every: Sequence[Run]) -> str:
 def machines(every: Sequence[Run]) -> str:
     """Where the trainings ran, and with which versions."""
     facts = {"machine": "host", "system": "os", "Python": "python"}
-    places = results.grouped(
-        every, lambda run: tuple(str(run.environment.get(name, "unknown")) for name in facts.values())
-    )
+    places = grouped(every, lambda run: tuple(str(run.environment.get(name, "unknown")) for name in facts.values()))
     lines = [[*place, str(len(members))] for place, members in places.items()]
     parts = [markup.table((*facts, "trainings"), lines, "Machines", text_columns=3)]
-    commands = results.grouped((run for run in every if run.overrides or "program" in run.environment), _command)
+    commands = grouped((run for run in every if run.overrides or "program" in run.environment), _command)
     lines = [[command, str(len(members))] for command, members in commands.items()]
     parts += [markup.table(("command", "trainings"), lines, "What trains them again")] if lines else []
     versions: dict[tuple[str, str], int] = {}

@@ -11,12 +11,12 @@ from matplotlib.figure import Figure
 
 from xqmap.evaluation import results, tables
 from xqmap.evaluation.results import Row
-from xqmap.reports import curves, facts, markup, stories
+from xqmap.evaluation.swept import grouped, label, swept
+from xqmap.explanations.views import markup
+from xqmap.reports import curves, facts, stories
 from xqmap.reports.runs import Run
 
 _HERE = Path(__file__).parent
-# Nothing may be fetched: not even by what a run's file smuggles into the page.
-_POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
 
 
 @dataclass
@@ -46,10 +46,10 @@ class Report:
 
     def groups(self, task: str) -> dict[str, list[Run]]:
         """A task's trainings by the label of their method, in the table's order, then those that are not in it."""
-        names = results.swept([run for run in self.runs if run.task == task]).get(task, [])
-        found = results.grouped(
+        names = swept([run for run in self.runs if run.task == task]).get(task, [])
+        found = grouped(
             (run for run in self.runs if run.task == task),
-            lambda run: results.label(run.method, {name: run.settings.get(name) for name in names}),
+            lambda run: label(run.method, {name: run.settings.get(name) for name in names}),
         )
         # The table's order; what is not in it yet as it will be there.
         known = list(results.paper_figures().get(task, {}))
@@ -92,14 +92,8 @@ def page(report: Report) -> str:
         for name, content in sections.items()
     )
     style, script = ((_HERE / name).read_text(encoding="utf-8") for name in ("report.css", "report.js"))
-    return (
-        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><meta name="viewport" '
-        'content="width=device-width">'
-        f'<meta http-equiv="Content-Security-Policy" '
-        f'content="{_POLICY}"><title>{escape(title)}</title><style>{style}</style></head>'
-        f"<body><header><h1>{escape(title)}</h1><p class=soft>{escape(_summary(report))}</p><nav>{links}</nav></header>"
-        f"<main>{body}</main><script>{script}</script></body></html>\n"
-    )
+    head = f"<h1>{escape(title)}</h1><p class=soft>{escape(_summary(report))}</p><nav>{links}</nav>"
+    return markup.document(title, f"<header>{head}</header><main>{body}</main>", style, script)
 
 
 def _summary(report: Report) -> str:
@@ -150,7 +144,7 @@ def _table(rows: Sequence[Row], caption: str) -> str:
 
 def _headlines(rows: Sequence[Row]) -> list[str]:
     said = []
-    for members in results.grouped(
+    for members in grouped(
         (row for row in rows if row.training_seeds and not row.sheet), lambda row: row.task
     ).values():
         row = members[0]

@@ -18,6 +18,7 @@ from tqdm import tqdm
 from xqmap.errors import UserError
 from xqmap.evaluation import results
 from xqmap.evaluation.results import Result
+from xqmap.evaluation.swept import flat
 from xqmap.files import read_bytes
 from xqmap.reports import offline
 from xqmap.reports.offline import Logged
@@ -158,7 +159,7 @@ def _run(root: Path, directory: Path, logs: list[Logged], result: Result | None)
             step: p for step, p in run.pictures.items() if not len(begun) or step < begun[0]
         } | logged.pictures
         run.environment |= logged.environment
-        run.settings = results.flat({name: value for name, value in logged.config.items() if not name.startswith("_")})
+        run.settings = flat({name: value for name, value in logged.config.items() if not name.startswith("_")})
     run.ended = not logs or logs[-1].exit_code is not None
     stored = result.settings if result else results.settings_of(directory)
     # wandb has the values that the stored settings only point to.

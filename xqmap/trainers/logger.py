@@ -7,7 +7,6 @@ import csv
 import io
 import logging
 import math
-import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from xqmap.errors import UserError, brief
 from xqmap.files import write_atomically
+from xqmap.trainers import wandb_environment
 
 _logger = logging.getLogger(__name__)
 _QUIET: dict[str, Any] = {"x_disable_stats": True, "console": "off", "silent": True}
@@ -46,16 +46,18 @@ class Log:
         self._csv = csv.DictWriter(self._file, columns)
         self._wandb: Any = None
         self.wandb_id = wandb_id
-        if cfg.logger.mode != "disabled":
-            self._start_wandb(directory, cfg)
+        mode = wandb_environment.mode(cfg.logger.mode)
+        if mode != "disabled":
+            self._start_wandb(directory, cfg, mode)
 
-    def _start_wandb(self, directory: Path, cfg: DictConfig) -> None:
-        with _starting(directory, cfg.logger.mode, "logger.mode=disabled does without") as wandb:
+    def _start_wandb(self, directory: Path, cfg: DictConfig, mode: str) -> None:
+        with _starting(directory, mode, "logger.mode=disabled does without") as wandb:
             from torchrl.record.loggers.wandb import WandbLogger  # imports wandb
 
             self._wandb = WandbLogger(
                 exp_name=directory.name,
-                offline=cfg.logger.mode == "offline",
+                offline=mode == "offline",
+                mode=mode,
                 save_dir=str(directory),
                 project=cfg.logger.project,
                 id=self.wandb_id,
@@ -123,9 +125,10 @@ def log_page(page: Path, directory: Path, source: str, settings: DictConfig) -> 
     Raises:
         UserError: if wandb does not start.
     """
-    with _starting(directory, settings.mode, f"the page is in {page}") as wandb:
+    mode = wandb_environment.mode(settings.mode)
+    with _starting(directory, mode, f"the page is in {page}") as wandb:
         run = wandb.init(
-            mode=settings.mode,
+            mode=mode,
             dir=str(directory),
             project=settings.project,
             name=page.stem,
@@ -144,15 +147,14 @@ def _starting(directory: Path, mode: str, otherwise: str) -> Iterator[Any]:
     Raises:
         UserError: if it does not; the line ends with what there is ``otherwise``.
     """
-    os.environ.setdefault("WANDB_ERROR_REPORTING", "false")
-    os.environ.setdefault("WANDB_DATA_DIR", str(directory / "wandb"))
-    import wandb  # only once it was told to keep to itself
+    with wandb_environment.own(directory, mode):
+        import wandb  # only once it was told to keep to itself
 
-    try:
-        yield wandb
-    except Exception as error:  # of its own, of pydantic, of the system
-        _forget_wandb()
-        raise UserError(f"logger.mode={mode}: wandb does not start ({brief(error)}); {otherwise}") from None
+        try:
+            yield wandb
+        except Exception as error:  # of its own, of pydantic, of the system
+            _forget_wandb()
+            raise UserError(f"logger.mode={mode}: wandb does not start ({brief(error)}); {otherwise}") from None
 
 
 def _rows(path: Path, columns: list[str], after: int) -> list[dict[str, str]]:

@@ -19,7 +19,7 @@ from torch import Tensor
 from torchrl.objectives import HardUpdate
 from tqdm import tqdm
 
-from xqmap import keys
+from xqmap import keys, launch
 from xqmap.collectors import collect
 from xqmap.config import build
 from xqmap.errors import Stopped, UserError, WorkerLost
@@ -48,6 +48,7 @@ class Trainer:
     def __init__(
         self, cfg: DictConfig, directory: Path, saved: tuple[dict[str, Tensor], dict[str, Any]] | None = None
     ) -> None:
+        collect.outlive_the_terminal()
         self.cfg, self.directory = cfg, directory
         torch.manual_seed(cfg.seed)
         self.device = build.device(cfg)
@@ -100,7 +101,7 @@ class Trainer:
         # A new collector tries the policy once; that must not use up random numbers, or a resumed run would differ.
         self.exploration.frames.copy_(explored)
         randomness.restore(drawn, self._generators())
-        handlers = {number: signal.signal(number, self._stop) for number in (signal.SIGINT, signal.SIGTERM)}
+        handlers = {number: signal.signal(number, self._stop) for number in (signal.SIGINT, *launch.stopping())}
         start, already = time.perf_counter(), self.frames
         try:
             with tqdm(
@@ -278,10 +279,11 @@ class Trainer:
         self.greedy.register_forward_hook(stop)
 
     def _stop(self, number: int, frame: FrameType | None) -> None:
-        if self.stopped_by is not None:
+        if self.stopped_by is None:
+            self.stopped_by = number
+            tqdm.write("stopping when this step is saved; once more: at once", file=sys.stderr)
+        elif number != signal.SIGHUP:  # of which a shell and the system both send one
             raise Stopped(number)
-        self.stopped_by = number
-        tqdm.write("stopping when this step is saved; once more: at once", file=sys.stderr)
 
     def _shares(self) -> dict[str, float]:
         seconds = {**self.env.seconds, **self.seconds}

@@ -231,7 +231,7 @@ def test_thoughts_are_no_part_of_an_answer(
 ) -> None:
     server.replies = lambda sent: (200, "text/event-stream", events(*pieces))
     talk = dialogue(model=model(server))
-    exchange = chat._say(talk, "Why?")
+    exchange = chat._reply(talk, "Why?")
     assert (exchange.answer, exchange.ungrounded) == ("The blue one.", [])
     assert capsys.readouterr().out.endswith("The blue one.\n")
     talk.ask("And now?")

@@ -28,6 +28,7 @@ from xqmap.explanations.views.sentences import wording_for
 from xqmap.files import write_atomically
 from xqmap.runs import checkpoint
 from xqmap.runs.run import load_run
+from xqmap.terminal import one_line
 
 _HOSTILE = (
     "",
@@ -176,7 +177,7 @@ def _refused(act: Callable[[], Any]) -> bool:
     try:
         act()
     except Exception as error:
-        if not (line := cli.told(error)) or len(cli.one_line(line).splitlines()) != 1:
+        if not (line := cli.told(error)) or len(one_line(line).splitlines()) != 1:
             raise
         return True
     return False
@@ -203,7 +204,7 @@ def _run(strategy: st.SearchStrategy[Any], check: Callable[[Any], bool], cases: 
                 count["refused"] += check(case)
             except Exception as error:
                 count["crashes"] += 1
-                bar.write(cli.one_line(f"{name}: {type(error).__name__}: {error!s:.200} from {case!r:.500}"))
+                bar.write(one_line(f"{name}: {type(error).__name__}: {error!s:.200} from {case!r:.500}"))
             bar.update()
 
         each()

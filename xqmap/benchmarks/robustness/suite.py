@@ -16,6 +16,7 @@ from xqmap.benchmarks.robustness import faults, hostile, interruptions
 from xqmap.benchmarks.robustness.soak import soak
 from xqmap.errors import UserError
 from xqmap.runs import checkpoint
+from xqmap.terminal import say
 
 # A training that is short, but has several checkpoints, updates and pictures.
 _SHORT = {
@@ -62,11 +63,11 @@ def injected(cfg: DictConfig, see: DictConfig, rounds: int) -> dict[str, Any]:
                     held, bytes_lost, _ = faults.suffer(cfg, directory, fault)
                     same = not fault.repeats or checkpoint.read(directory / checkpoint.POLICY)[1]["sha256"] == expected
             except PermissionError:
-                print(f"{name}: not tried, mounting a disk takes root")
+                say(f"{name}: not tried, mounting a disk takes root")
                 continue
             tried, survived, lost = tried + 1, survived + (held and same), lost + bytes_lost
             if not (held and same):
-                print(f"{name}: not survived")
+                say(f"{name}: not survived")
         result |= {"faults_injected": tried, "faults_survived": survived, "faults_bytes_lost": lost}
         newest = checkpoint.trainings(folder / "alone")[0]
         for name, (given, refused) in {

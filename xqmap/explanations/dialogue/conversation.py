@@ -18,6 +18,7 @@ from xqmap.explanations.dialogue.llm import LanguageModel, Message
 from xqmap.explanations.dialogue.questions import Question, understand
 from xqmap.explanations.dialogue.replies import Unanswered, after_thoughts
 from xqmap.explanations.views.sentences import number, phrase, signed, wording_for
+from xqmap.terminal import printable
 
 # Questions and answers the model is reminded of.
 _REMEMBERED = 10
@@ -204,9 +205,3 @@ def _name(name: str) -> str:
 def _marked(text: str) -> str:
     """Text that Markdown and the HTML in it leave as it is."""
     return re.sub(r"([\\`*_\[\]<>#!|&~])", r"\\\1", text)
-
-
-def printable(text: str) -> str:
-    """Text without control characters, which could move a terminal's cursor or hide what is said; line breaks stay."""
-    # A whole escape sequence goes, or its rest would hide the word that follows from the grounding check.
-    return "".join(c if c.isprintable() or c == "\n" else " " for c in re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", text))

@@ -1,4 +1,4 @@
-"""Pieces of a page: tables, figures, pictures. Everything from outside is escaped here."""
+"""A page and its pieces: tables, figures, pictures. Everything from outside is escaped here."""
 
 from __future__ import annotations
 
@@ -14,12 +14,33 @@ from PIL import Image, ImageChops, ImageOps
 
 from xqmap.explanations.views.style import rendered
 
+_STYLE = Path(__file__).with_name("page.css").read_text(encoding="utf-8")
+# Nothing may be fetched: not even by what a run's file smuggles into the page.
+_POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
 _GRAY = re.compile(r"#([0-9a-f]{2})\1\1\b")
 _NUMBER = re.compile(r"[-+]?[\d,]*\.?\d+")
 
 
+def document(title: str, body: str, style: str = "", script: str = "") -> str:
+    """A whole page that works from disk and asks for nothing outside.
+
+    Args:
+        title: of the window.
+        body: its HTML.
+        style: CSS besides the one of every page.
+        script: JavaScript.
+    """
+    return (
+        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">'
+        f"<title>{escape(title)}</title><style>{_STYLE}{style}</style></head>"
+        f"<body>{body}{f'<script>{script}</script>' if script else ''}</body></html>\n"
+    )
+
+
 def table(head: Sequence[str], rows: Iterable[Sequence[str]], caption: str, text_columns: int = 1) -> str:
-    """A table whose columns can be sorted by a click on their head.
+    """A table; on a page with a script, its columns can be sorted.
 
     Args:
         head: of the columns.
@@ -36,8 +57,7 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], caption: str, text
         return f"<td{kind}{key}>{escape(value).replace('+', '<wbr>+')}</td>"
 
     titles = "".join(
-        f'<th scope="col"{"" if i >= text_columns else " class=text"}><button '
-        f'type="button">{escape(title)}</button></th>'
+        f'<th scope="col"{"" if i >= text_columns else " class=text"}>{escape(title)}</th>'
         for i, title in enumerate(head)
     )
     body = "".join(f"<tr>{''.join(cell(value, i) for i, value in enumerate(row))}</tr>" for row in rows)
@@ -64,29 +84,30 @@ def figure(drawn: Figure, caption: str) -> str:
     return f"<figure>{svg}<figcaption>{title}</figcaption></figure>"
 
 
-def picture(path: Path, caption: str, width: int, alt: str = "") -> str:
-    """A picture file without its empty rim, at most ``width`` pixels wide; a line of words where it cannot be read.
+def picture(source: Path | bytes, caption: str, width: int, alt: str = "") -> str:
+    """A picture without its empty rim, at most ``width`` pixels wide; a line of words where it cannot be read.
 
     Args:
-        path: of the file.
+        source: a file, or what one holds.
         caption: stands below it.
         width: pixels.
         alt: what it shows, for those who do not see it; the caption if not given.
     """
     try:
-        with Image.open(path) as file:
+        with Image.open(io.BytesIO(source) if isinstance(source, bytes) else source) as file:
             image = file.convert("RGB")
     except (OSError, Image.DecompressionBombError, SyntaxError, ValueError):
-        return f'<p class="soft">{escape(path.name)} cannot be read as a picture.</p>'
+        name = source.name if isinstance(source, Path) else "This"
+        return f'<p class="soft">{escape(name)} cannot be read as a picture.</p>'
     image = ImageOps.expand(image.crop(ImageChops.invert(image).getbbox()), border=10, fill="white")
     image.thumbnail((width, width))
     buffer = io.BytesIO()
     image.save(buffer, format="WEBP", quality=85, method=4)
     data = base64.b64encode(buffer.getvalue()).decode()
-    source = f'width="{image.width}" height="{image.height}" src="data:image/webp;base64,{data}"'
+    shown = f'width="{image.width}" height="{image.height}" src="data:image/webp;base64,{data}"'
     return (
         f'<figure><img alt="{escape(alt or caption, quote=True)}" '
-        f"{source}><figcaption>{escape(caption)}</figcaption></figure>"
+        f"{shown}><figcaption>{escape(caption)}</figcaption></figure>"
     )
 
 
