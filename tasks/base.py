@@ -86,7 +86,7 @@ class DecisionEnv(BaseEnv):
         self._outcome: dict[str, torch.Tensor] = {}
         self._over = (False, False)
         self.frames: list[np.ndarray] = []
-        self._control_steps = 0
+        self._filmed_steps: int | None = None
         if render_backend == "auto":
             render_backend = "gpu" if torch.cuda.is_available() else "cpu"
         super().__init__(
@@ -108,8 +108,15 @@ class DecisionEnv(BaseEnv):
         raise NotImplementedError
 
     def highest_reward(self) -> float:
-        """The highest Σ_k w_k r_k any action would have in the present state, from the world's own truth."""
+        """The highest Σ_k w_k r_k that a cell which may be chosen would earn in the present state, from the world's own
+        truth. What a decision earns beyond that counts as available, too: regret is never negative.
+        """
         raise NotImplementedError
+
+    def weighed(self, components: Mapping[str, float]) -> float:
+        """R = Σ_k w_k r_k of sub-rewards by component name, to the last bit as it is paid."""
+        values = torch.tensor([float(components[name]) for name in self.REWARD_COMPONENTS])
+        return float((values * self.weights).sum(-1))
 
     def episode_over(self) -> tuple[bool, bool]:
         """``(terminated, truncated)`` after the decision that was just run."""
@@ -144,9 +151,10 @@ class DecisionEnv(BaseEnv):
             # To the controller itself: the agent's check for NaN makes numpy warn of torch's tensors at every step.
             self.agent.controller.set_action(torch.as_tensor(action, dtype=torch.float32))
         super()._step_action(None)
-        self._control_steps += 1
-        if self.render_mode == "rgb_array" and self._control_steps % self._steps_per_frame == 0:
-            self.frames.append(self.render_rgb_array()[0].numpy().copy())
+        if self._filmed_steps is not None:
+            self._filmed_steps += 1
+            if self._filmed_steps % self._steps_per_frame == 0:
+                self.frames.append(self.render_rgb_array()[0].numpy().copy())
 
     @property
     def _steps_per_frame(self) -> int:
@@ -162,9 +170,13 @@ class DecisionEnv(BaseEnv):
         if not np.isfinite(point).all():
             raise ValueError(f"an action is a point of three finite numbers (m), not {point.tolist()}")
         start = time.perf_counter()
-        self.frames, self._control_steps = [], 0
         available = self.highest_reward()
+        # What the world tries out to know that is no part of the film.
+        self.frames, self._filmed_steps = [], 0 if self.render_mode == "rgb_array" else None
         components, metrics = self.run_primitive(point)
+        self._filmed_steps = None
+        # Who chooses a point beside the cells' own, or one that rounding moved, may find what no cell offers.
+        available = max(available, self.weighed(components))
         values = torch.tensor([[float(components[name]) for name in self.REWARD_COMPONENTS]])
         self._over = self.episode_over()
         self._outcome = {

@@ -104,24 +104,16 @@ class Block:
         beyond = np.abs(self.local(points)) - (self.length / 2, self.width / 2)
         return np.linalg.norm(np.maximum(beyond, 0), axis=1) + np.minimum(beyond.max(1), 0)
 
-    def hides(self, points: np.ndarray, eye: np.ndarray) -> np.ndarray:
-        """``[M]`` bool: whether the block lies between ``eye`` ``[3]`` and world points ``[M, 3]``; its own surface is
-        not hidden.
+    def highest_within(self, points: np.ndarray, radii: np.ndarray) -> np.ndarray:
+        """``[R, M]``: z of the top's highest point within each of the ``radii`` ``[R]`` of the world points
+        ``[M, 2]``, seen from above; −inf where there is none.
         """
-        start = np.column_stack((self.local(points), points[:, 2]))
-        along = np.append(self.local(eye[None])[0], eye[2]) - start
-        # The block is where all of these are at most 0, so each cuts off a part of the segment start + t · along, 0 ≤ t
-        # ≤ 1.
-        slope = np.tan(np.deg2rad(self.incline))
-        normals = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, -1], [-slope, 0, 1]])
-        limits = np.array([self.length / 2, self.length / 2, self.width / 2, self.width / 2, 0, self.height])
-        outside, rate = start @ normals.T - limits, along @ normals.T
-        with np.errstate(divide="ignore", invalid="ignore"):
-            crossing = -outside / rate
-        first = np.where(rate < 0, crossing, 0).max(1)
-        last = np.where(rate > 0, crossing, 1).min(1)
-        never = ((rate == 0) & (outside > 0)).any(1)
-        return ~never & (np.maximum(first, 0) + 1e-6 < np.minimum(last, 1))
+        reach = np.asarray(radii)[:, None]
+        along, across = self.local(points).T
+        beside = np.maximum(np.abs(across) - self.width / 2, 0)
+        up = np.minimum(along + np.sqrt(np.maximum(reach**2 - beside**2, 0)), self.length / 2)
+        highest = self.height + np.tan(np.deg2rad(self.incline)) * up
+        return np.where(self.distance(points) <= reach, highest, -np.inf)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, from which ``Block(**values)`` makes the same block."""

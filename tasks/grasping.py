@@ -36,18 +36,16 @@ from mani_skill.utils.structs.types import DefaultMaterialsConfig, SceneConfig, 
 from . import oracle, workcell
 from .agents.ur5e import UR5e, cup_reach, joints_at
 from .base import DecisionEnv, SceneObject
+from .layouts import reachable_layout
+from .offers import Offer, in_time, offer
 from .primitives import Arm, pick
 from .settings import Within, checked
-from .suction import Suction, seals
-from .tabletop import FRICTION, INSIDE, TOP, Thing, body_of, cube_top, entity, footprint, pose_of, sample_layout
-from .workcell import BIN, BOUNDS, HOME_HEIGHT, PIXEL_SIZE
+from .suction import Suction, felt, seals
+from .tabletop import FRICTION, TOP, Thing, body_of, cube_top, entity, footprint, pose_of
+from .workcell import BIN, BOUNDS, CELLS, HOME_HEIGHT, PIXEL_SIZE
 
 # Objects are at rest when none is faster (m/s); they get this many simulation steps to come to rest.
 STILL, SETTLE_STEPS = 0.002, 400
-# Two bodies touch when they are this close (m).
-CONTACT = 0.0005
-# Layouts drawn before a scene is given up.
-LAYOUTS = 200
 
 
 @register_env("XQMapGrasping-v1", max_episode_steps=None)
@@ -154,7 +152,7 @@ class GraspingEnv(DecisionEnv):
         # A generator of its own, so that scene and noise depend on the reset's seed alone.
         rng = self._rng = np.random.RandomState(int(self._episode_seed[0]))
         count = rng.randint(self.object_range[0], self.object_range[1] + 1)
-        drawn = self._reachable_layout(rng, count)
+        drawn, self.layouts_rejected = reachable_layout(rng, count, self.layout, self.tint, self.hover, self._home)
         given = options.get("things")
         self._put([Thing(**thing) for thing in given] if given is not None else drawn)
         slant = self.light * rng.uniform(-0.5, 0.5, 2)
@@ -167,25 +165,6 @@ class GraspingEnv(DecisionEnv):
         self.agent.controller.set_action(np.concatenate((self._home, np.zeros(6))))
         self.arm.joints, self._made = self._home, 0
         self._settle()
-
-    def _reachable_layout(self, rng: np.random.RandomState, count: int) -> list[Thing]:
-        self.layouts_rejected = 0
-        while self.layouts_rejected < LAYOUTS:
-            things = sample_layout(rng, count, self.layout, BOUNDS, self.tint)
-            if all(self._reaches(thing) for thing in things):
-                return things
-            self.layouts_rejected += 1
-        raise ValueError(
-            f"no layout within the arm's reach in {LAYOUTS} draws: lower task.env.hover or task.env.objects"
-        )
-
-    def _reaches(self, thing: Thing) -> bool:
-        """Whether the arm's inverse kinematics has a solution on top of an object and above it."""
-        try:
-            joints_at(np.array([[thing.x, thing.y, z] for z in (self.hover, TOP[thing.kind])]), self._home)
-        except ValueError:
-            return False
-        return True
 
     def _put(self, things: list[Thing]) -> None:
         self._things, self._binned = {entity(thing): thing for thing in things}, []
@@ -218,6 +197,7 @@ class GraspingEnv(DecisionEnv):
     def run_primitive(self, point: np.ndarray) -> tuple[dict[str, float], dict[str, float]]:
         """Picks at ``point`` ``[3]`` (m)."""
         self._made += 1
+        in_play = self._on_table()
         attempt = pick(
             self.arm,
             self.suction,
@@ -227,13 +207,15 @@ class GraspingEnv(DecisionEnv):
             self._feel,
             self._seals,
         )
-        thing = self._things.get(attempt.touched) if attempt.touched is not None else None
-        lifted = attempt.delivered and thing is not None
-        if lifted:
+        thing = in_play.get(attempt.touched) if attempt.touched is not None else None
+        if thing is not None and attempt.delivered:
             self._binned.append(attempt.touched)
             del self._things[attempt.touched]
         self._settle()
-        components = {"shape": float(lifted), "color": thing.rank if thing is not None else 0.0}
+        components = {
+            "shape": float(attempt.delivered and thing is not None and thing.kind == "cube"),
+            "color": thing.rank if thing is not None else 0.0,
+        }
         metrics = {
             "touched": float(thing is not None),
             "sealed": float(attempt.sealed),
@@ -244,16 +226,7 @@ class GraspingEnv(DecisionEnv):
         return components, metrics
 
     def _feel(self) -> sapien.Entity | None:
-        """What the cup touches: of several bodies the one it presses into most."""
-        cup, nearest = self.agent.cup, CONTACT
-        touched = None
-        for contact in self.scene.px.get_contacts():
-            if cup in contact.bodies:
-                other = contact.bodies[contact.bodies[0] == cup]
-                depth = min((point.separation for point in contact.points), default=np.inf)
-                if depth < nearest:
-                    nearest, touched = depth, other.entity
-        return touched
+        return felt(self.agent.cup, self.scene.px.get_contacts())
 
     def _seals(self, touched: sapien.Entity) -> bool:
         thing = self._things.get(touched)
@@ -279,40 +252,35 @@ class GraspingEnv(DecisionEnv):
             if (low <= built.pose.p).all() and (built.pose.p < high).all()
         }
 
-    def _items(self) -> tuple[list[sapien.Entity], list[oracle.Item]]:
-        """The objects on the table, and what each pays: a cube can be lifted if the cup would seal in the middle of
-        what looks up.
-        """
-        things = self._on_table()
-        items = [
-            oracle.Item(thing.rank, thing.kind == "cube" and self._liftable(built)) for built, thing in things.items()
-        ]
-        return list(things), items
+    def _offers(self) -> list[Offer]:
+        """What a pick can make of each object on the table."""
+        found = [offer(built, self._things, CELLS, self.reachable, self.seal) for built in self._on_table()]
+        return in_time(found, self.arm.limit, self.hover, self._home, self.arm.period)
 
-    def _liftable(self, cube: sapien.Entity) -> bool:
-        pose = pose_of(cube)
-        tcp = np.diag([1.0, -1.0, -1.0, 1.0])
-        tcp[:3, 3] = cube_top(pose)
-        return self.seal == "touch" or seals("cube", pose, tcp)
+    def _items(self, offers: list[Offer]) -> list[oracle.Item]:
+        ranks = [thing.rank for thing in self._on_table().values()]
+        return [
+            oracle.Item(rank * (found.touch is not None), found.lift is not None)
+            for rank, found in zip(ranks, offers, strict=True)
+        ]
 
     def highest_reward(self) -> float:
         """Σ_k w_k r_k of the best object on the table; 0 where there is none."""
-        _, items = self._items()
-        return max((float(item.reward @ self.weights.numpy()) for item in items), default=0.0)
+        rewards = [
+            self.weighed({"shape": float(item.liftable), "color": item.rank}) for item in self._items(self._offers())
+        ]
+        return max(rewards, default=0.0)
 
     def oracle_point(self) -> np.ndarray:
-        """``[3]``, m: on the object of the highest reward, where a cube is flat or a bowl is deep."""
-        built, items = self._items()
-        if not items:
-            return np.array([*BOUNDS[:2].mean(1), 0.0])
-        chosen = built[oracle.best(items, self.weights.tolist(), 0.0)]
-        if self._things[chosen].kind == "cube":
-            return cube_top(pose_of(chosen))
-        return np.add(chosen.pose.p, (0, 0, float(INSIDE[0, 1])))
+        """``[3]``, m: on the object of the highest reward, as near to its middle as that can be earned."""
+        offers = self._offers()
+        items = self._items(offers)
+        chosen = offers[oracle.best(items, self.weights.tolist(), 0.0)] if items else Offer()
+        return np.array([*BOUNDS[:2].mean(1), 0.0]) if chosen.point is None else chosen.point
 
     def exact_values(self, gamma: float) -> np.ndarray:
         """Q*_k ``[objects, 2]`` of each of :meth:`scene_objects`, from the exact solution in :mod:`.oracle`."""
-        return oracle.component_values(self._items()[1], self.weights.tolist(), gamma)
+        return oracle.component_values(self._items(self._offers()), self.weights.tolist(), gamma)
 
     def scene_objects(self) -> list[SceneObject]:
         """The objects on the table."""

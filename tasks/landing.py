@@ -24,7 +24,6 @@ Cells:
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
@@ -37,8 +36,9 @@ from mani_skill.utils.structs.types import DefaultMaterialsConfig, SceneConfig, 
 from .agents.aircraft import Aircraft
 from .base import DecisionEnv, SceneObject
 from .blocks import MAX_TOP, Block, entity, material, sample_field
-from .overview import best_place, in_view
-from .settings import Within, checked
+from .flight import CONTROL_RATE, Flight, Touch, steps_needed
+from .overview import in_view, near, prospects, seen_points
+from .settings import SettingError, Within, checked
 
 CELLS = 84
 HALF_SIZE = 20.0
@@ -47,28 +47,8 @@ DOWN = sapien.Pose([0, 0, -0.02], [0.5, -0.5, 0.5, 0.5])
 # Between ground and heightmap floor, so that ground and unseen cells differ in height as well (m).
 FLOOR = -0.05
 FRICTION = 0.6
-CRUISE_SPEED = 10.0
-# Height over the point below which the descent is slow (m), and how slow (m/s).
-SLOW_BELOW = 0.5
-TOUCH_SPEED = 0.4
-SETTLE_STEPS = 4
-# Moving farther than this after the touch is sliding (m).
-SLID = 0.1
-# PhysX reports contacts a little early, and after one simulation step at most this deep (m).
-CONTACT = 0.005
+# A touch this close to the plane of a block's top is on the top, else on a wall (m).
 ON_TOP = 0.05
-
-
-@dataclass(frozen=True)
-class Touch:
-    """The first contact: where, where the aircraft was (``[3]``, world, m), whether with its foot, with which block
-    (None: the ground).
-    """
-
-    spot: np.ndarray
-    aircraft: np.ndarray
-    foot: bool
-    block: Block | None
 
 
 @register_env("XQMapLanding-v1", max_episode_steps=None)
@@ -115,6 +95,11 @@ class LandingEnv(DecisionEnv):
         control_steps: Annotated[int, Within(1, 10_000)],
         **kwargs: Any,
     ) -> None:
+        needed = steps_needed(CELLS * pixel_size / np.sqrt(2), altitude)
+        if control_steps < needed:
+            raise SettingError(
+                "control_steps", f"must be at least {needed}, as the farthest cell in view needs, not {control_steps}"
+            )
         self.altitude, self._pixel_size, self.image_size = altitude, pixel_size, image_size
         self.block_range, self.incline_deg, self.inclined_share = blocks, incline_deg, inclined_share
         self.light, self.landings_per_episode, self.control_steps = light, landings_per_episode, control_steps
@@ -122,7 +107,6 @@ class LandingEnv(DecisionEnv):
         self._entities: dict[sapien.Entity, Block] = {}
         self._location = np.zeros(2)
         self._landings = 0
-        self._touch: Touch | None = None
         super().__init__(robot_uids="xqmap_aircraft", **kwargs)
 
     # -- the world -----------------------------------------------------------------------------------------------------
@@ -143,7 +127,7 @@ class LandingEnv(DecisionEnv):
     def _default_sim_config(self) -> SimConfig:
         return SimConfig(
             sim_freq=100,
-            control_freq=5,
+            control_freq=CONTROL_RATE,
             scene_config=SceneConfig(bounce_threshold=5.0),
             default_materials_config=DefaultMaterialsConfig(FRICTION, FRICTION, 0.0),
         )
@@ -169,6 +153,7 @@ class LandingEnv(DecisionEnv):
 
     def _load_agent(self, options: dict[str, Any], *args: Any, **kwargs: Any) -> None:
         super()._load_agent(options, sapien.Pose([0, 0, self.altitude]))
+        self._flight = Flight(self.agent, self.control_step, self.altitude)
 
     def _load_lighting(self, options: dict[str, Any]) -> None:
         # Without shadows: they would treble the time of a picture.
@@ -209,64 +194,31 @@ class LandingEnv(DecisionEnv):
     def _fly_to_new_place(self) -> None:
         reach = HALF_SIZE - CELLS * self._pixel_size / 2
         self._location = self._rng.uniform(-reach, reach, 2)
-        body = self.agent.robot._objs[0]
-        body.set_root_pose(sapien.Pose([*self._location, self.altitude]))
-        body.set_root_linear_velocity(np.zeros(3))
-        body.set_root_angular_velocity(np.zeros(3))
-        self.agent.controller.reset()
+        self._flight.begin(self._location)
 
     # -- the primitive -------------------------------------------------------------------------------------------------
 
     def run_primitive(self, point: np.ndarray) -> tuple[dict[str, float], dict[str, float]]:
-        """Flies to above ``point`` ``[3]`` (m), descends until contact, and lets the aircraft come to rest with its
-        motors off.
-        """
-        link = self.agent.robot.links[0]._objs[0]
-        target, speed, steps = np.array([point[0], point[1], self.altitude]), CRUISE_SPEED, 0
-        self._touch = None
-        while steps < self.control_steps and self._touch is None:
-            offset, drift = np.linalg.norm(link.entity_pose.p[:2] - point[:2]), np.linalg.norm(link.linear_velocity[:2])
-            if target[2] == self.altitude and offset < 0.03 and drift < 0.2:
-                target[2] = point[2] + SLOW_BELOW / 2
-            if target[2] < self.altitude and link.entity_pose.p[2] < point[2] + SLOW_BELOW:
-                target[2], speed = point[2] - SLOW_BELOW, TOUCH_SPEED
-            self.control_step(np.array([[*target, speed]]))
-            steps += 1
-        touch = self._touch or Touch(link.entity_pose.p, link.entity_pose.p, False, None)
-        if self._touch is not None:
-            for _ in range(SETTLE_STEPS):
-                self.control_step(np.zeros((1, 4)))
-            steps += SETTLE_STEPS
-        up = np.clip(link.entity_pose.to_transformation_matrix()[2, 2], -1, 1)
+        """Lands at ``point`` ``[3]`` (m)."""
+        landing = self._flight.land(point, self.control_steps)
+        spot = landing.touch.spot if landing.touch else self.agent.robot.pose.p[0].numpy()
         metrics = {
-            "landing_offset_m": float(np.linalg.norm(touch.spot[:2] - point[:2])),
-            "tilt_deg": float(np.rad2deg(np.arccos(up))),
-            "slid": float(np.linalg.norm(link.entity_pose.p[:2] - touch.aircraft[:2]) > SLID),
-            "control_steps": float(steps),
+            "landing_offset_m": float(np.linalg.norm(spot[:2] - point[:2])),
+            "tilt_deg": landing.tilt_deg,
+            "slid": float(landing.slid),
+            "control_steps": float(landing.steps),
         }
-        return self._outcome_of(touch), metrics
+        return self._outcome_of(landing.touch), metrics
 
     def _after_simulation_step(self) -> None:
-        if self._touch is not None:
-            return
-        hull, foot = (link._objs[0] for link in self.agent.robot.links)
-        for contact in self.scene.px.get_contacts():
-            touching = [point.position for point in contact.points if point.separation < CONTACT]
-            own, other = sorted(contact.bodies, key=lambda body: body not in (hull, foot))
-            if touching:
-                self._touch = Touch(
-                    np.mean(touching, axis=0), hull.entity_pose.p, own == foot, self._entities.get(other.entity)
-                )
-                self.agent.controller.reset()
-                return
+        self._flight.feel(self.scene.px.get_contacts())
 
-    def _outcome_of(self, touch: Touch) -> dict[str, float]:
-        if not touch.foot:
+    def _outcome_of(self, touch: Touch | None) -> dict[str, float]:
+        if touch is None or not touch.foot:
             return dict.fromkeys(self.REWARD_COMPONENTS, 0.0)
-        if touch.block is None:
-            return self._properties(None)
-        on_top = abs(touch.spot[2] - touch.block.top_at(touch.spot[None])[0]) < ON_TOP
-        return self._properties(touch.block) | ({} if on_top else {"flatness": 0.0})
+        block = self._entities.get(touch.other)
+        on_top = block is None or abs(touch.spot[2] - block.top_at(touch.spot[None])[0]) < ON_TOP
+        return self._properties(block) | ({} if on_top else {"flatness": 0.0})
 
     @staticmethod
     def _properties(block: Block | None) -> dict[str, float]:
@@ -286,15 +238,30 @@ class LandingEnv(DecisionEnv):
     # -- what the world knows: evaluation and perception only ----------------------------------------------------------
 
     def _best(self) -> tuple[float, np.ndarray]:
-        weigh = dict(zip(self.REWARD_COMPONENTS, self.weights.tolist(), strict=True))
-
-        def reward(thing: Block | None) -> float:
-            return sum(weigh[name] * value for name, value in self._properties(thing).items())
-
-        return best_place(self.blocks, self.workspace_bounds, self._pixel_size, self.altitude, reward)
+        """The highest reward that a landing in this view can earn, and a point ``[3]`` (m) that earns it."""
+        image, camera = (self._last_obs[name]["down"] for name in ("sensor_data", "sensor_param"))
+        points = seen_points(image["depth"], camera, self.workspace_bounds, self._pixel_size)
+        blocks = near(self.blocks, self.workspace_bounds, 1.0)
+        rewards = np.array([self.weighed(self._properties(thing)) for thing in (None, *blocks)])
+        ahead = prospects(blocks, points)
+        sure = ahead.sure >= 0
+        earned = np.where(sure, rewards[ahead.sure], -1.0)
+        promised = np.where(ahead.may & ~sure, rewards[:, None], -1.0).max(0)
+        best, place = 0.0, np.array([*self._location, 0.0])
+        if sure.any():
+            best = float(earned.max())
+            place = points[np.where(earned == best, ahead.room, -1).argmax()]
+        # What geometry leaves open is tried, the most promising first.
+        for cell in promised.argsort()[::-1]:
+            if promised[cell] <= best:
+                break
+            reward = self.weighed(self._outcome_of(self._flight.rehearse(points[cell], self.control_steps)))
+            if reward > best:
+                best, place = reward, points[cell]
+        return best, place
 
     def highest_reward(self) -> float:
-        """Σ_k w_k r_k of the best cell in view that is not hidden and has room for foot and hull (0.2 and 0.5 m)."""
+        """Σ_k w_k r_k of the cell that earns most, of those in which the camera saw anything."""
         return self._best()[0]
 
     def oracle_point(self) -> np.ndarray:

@@ -11,7 +11,7 @@ import numpy as np
 import sapien
 
 from .agents.kinematics import forward
-from .agents.ur5e import TOOL, UR5e, joints_at
+from .agents.ur5e import TOOL, UR5e, joints_at, turns_to
 from .suction import SLIP, Suction
 from .tabletop import body_of
 
@@ -73,9 +73,7 @@ class Arm:
         was why.
         """
         start, way = self.joints, goal - self.joints
-        # The smoothest polynomial between two rests is 1.875 times as fast in its middle as on average.
-        duration = max(SHORTEST, 1.875 * float(np.abs(way).max()) / JOINT_SPEED)
-        count = max(2, round(duration / self.period))
+        count = int(_travel_steps(way, self.period))
         s = np.arange(1, count + 1)[:, None] / count
         return self._follow(start + s**3 * (10 - 15 * s + 6 * s * s) * way, until)
 
@@ -84,7 +82,7 @@ class Arm:
         that was why.
         """
         start = self.sent
-        count = max(1, round(float(np.linalg.norm(goal - start)) / speed / self.period))
+        count = int(_line_steps(float(np.linalg.norm(goal - start)), speed, self.period))
         s = np.arange(1, count + 1)[:, None] / count
         return self._follow(joints_at(start + s * (goal - start), self.joints), until)
 
@@ -113,6 +111,26 @@ class Arm:
             if until():
                 return True
         return False
+
+
+def _travel_steps(way: np.ndarray, period: float) -> np.ndarray:
+    # The smoothest polynomial between two rests is 1.875 times as fast in its middle as on average.
+    duration = np.maximum(SHORTEST, 1.875 * np.abs(way).max(-1) / JOINT_SPEED)
+    return np.maximum(2, np.round(duration / period))
+
+
+def _line_steps(length: np.ndarray | float, speed: float, period: float) -> np.ndarray:
+    return np.maximum(1, np.round(length / speed / period))
+
+
+def steps_needed(points: np.ndarray, hover: float, home: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:
+    """Control steps ``[N]`` of picks at ``points`` ``[N, 3]``, to within a few: until the cup touches, and until it
+    lets go. The other arguments are those of :func:`pick` and :class:`Arm`.
+    """
+    air = _travel_steps(turns_to(np.column_stack((points[:, :2], np.full(len(points), hover))), home), period)
+    down = hover - points[:, 2]
+    touched = air + _line_steps(down - FEEL_ABOVE, SPEED, period) + _line_steps(FEEL_ABOVE, TOUCH_SPEED, period)
+    return touched, touched + round(DRAW / period) + _line_steps(down, SPEED, period) + air
 
 
 @dataclass(frozen=True)

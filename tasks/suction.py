@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import sapien
@@ -16,6 +17,8 @@ LIP = 0.002
 TILT_DEG = 15.0
 # A body that has moved this far from where the cup took hold of it is lost.
 SLIP = 0.005
+# Two bodies touch when they are this close.
+CONTACT = 0.0005
 
 
 @dataclass(frozen=True)
@@ -81,6 +84,17 @@ def seals(kind: str, pose: np.ndarray, tcp: np.ndarray) -> bool:
     uneven = np.abs(gap - gap.mean() - local @ slopes)
     steepest = min(float(np.cos(np.arctan(np.hypot(*slopes)))), float((-hits.normal @ axis).min()))
     return bool(uneven.max() <= LIP and gap.min() <= LIP and steepest >= np.cos(np.deg2rad(TILT_DEG)))
+
+
+def felt(cup: Any, contacts: list[sapien.physx.PhysxContact]) -> sapien.Entity | None:
+    """What a cup touches: of several bodies the one it presses into most."""
+    nearest, touched = CONTACT, None
+    for contact in contacts:
+        if cup in contact.bodies:
+            depth = min((point.separation for point in contact.points), default=np.inf)
+            if depth < nearest:
+                nearest, touched = depth, contact.bodies[contact.bodies[0] == cup].entity
+    return touched
 
 
 class Suction:

@@ -31,11 +31,6 @@ MASS = {"cube": 0.01, "bowl": 0.1}
 TOP = {"cube": CUBE, "bowl": float(OUTSIDE[-1, 1])}
 RADIUS = {"cube": CUBE / np.sqrt(2), "bowl": float(OUTSIDE[-1, 0])}
 FRICTION = 1.0
-# Least distance between the circles around two objects.
-GAP = {"spread": 0.04, "cluttered": 0.003}
-# The share of a cluttered heap's disc that the objects' circles cover, at first.
-DENSITY = 0.5
-TRIES = 100
 
 
 @dataclass(frozen=True)
@@ -77,51 +72,6 @@ class Thing:
     def to_dict(self) -> dict[str, Any]:
         """Plain values, from which ``Thing(**values)`` makes the same object."""
         return asdict(self)
-
-
-def sample_layout(rng: np.random.RandomState, count: int, layout: str, bounds: np.ndarray, tint: float) -> list[Thing]:
-    """``count`` objects of random kind, color, place and yaw, at least one of them a cube, none on top of another.
-
-    Args:
-        rng: source of the draw.
-        count: how many.
-        layout: ``"spread"`` over the table, or ``"cluttered"``: close together around a random place.
-        bounds: ``[≥2, 2]``, lowest and highest x and y of the table's part they may lie on.
-        tint: most that is added to or taken from each of red, green and blue, 8-bit.
-    """
-    kinds = [str(kind) for kind in rng.choice(list(MASS), count)]
-    if "cube" not in kinds:
-        kinds[rng.randint(count)] = "cube"
-    colors = [str(color) for color in rng.choice(list(COLORS), count)]
-    tints = rng.uniform(-tint, tint, (count, 3))
-    radii = np.array([RADIUS[kind] for kind in kinds])
-    low, high = np.asarray(bounds)[:2].T
-    gap = GAP[layout]
-    heap = np.sqrt((radii**2).sum() / DENSITY) if layout == "cluttered" else np.inf
-    while True:
-        middle = rng.uniform(low, high)
-        places: list[np.ndarray] = []
-        for radius in radii:
-            near = np.maximum(low + radius, middle - heap), np.minimum(high - radius, middle + heap)
-            for _ in range(TRIES):
-                place = rng.uniform(*near)
-                apart = all(
-                    np.hypot(*(place - other)) > radius + far + gap for other, far in zip(places, radii, strict=False)
-                )
-                if apart and np.hypot(*(place - middle)) <= heap:
-                    places.append(place)
-                    break
-            else:
-                break
-        if len(places) == count:
-            break
-        # Too many for this much room: a little closer together, or a larger heap.
-        gap, heap = (gap * 0.9, heap) if layout == "spread" else (gap, heap * 1.03)
-    yaws = rng.uniform(0, 360, count)
-    return [
-        Thing(kind, color, float(place[0]), float(place[1]), float(yaw), (float(red), float(green), float(blue)))
-        for kind, color, place, yaw, (red, green, blue) in zip(kinds, colors, places, yaws, tints, strict=True)
-    ]
 
 
 @cache

@@ -21,6 +21,11 @@ CAMERAS = {
     "left": ((0.0, 0.5, 0.75), (np.pi / 4.5, np.pi, np.pi / 4)),
     "right": ((0.0, -0.5, 0.75), (np.pi / 4.5, np.pi, 3 * np.pi / 4)),
 }
+# The middles of the map's columns (world x) and rows (world y).
+CELLS = (
+    np.arange(BOUNDS[0, 0] + PIXEL_SIZE / 2, BOUNDS[0, 1], PIXEL_SIZE),
+    np.arange(BOUNDS[1, 0] + PIXEL_SIZE / 2, BOUNDS[1, 1], PIXEL_SIZE),
+)
 IMAGE = (640, 480)
 INTRINSICS = np.array([[450.0, 0, 320], [0, 450, 240], [0, 0, 1]])
 # The bin's middle (world x, y), its edges and the thickness of its walls; the arm's home is this high over it (m).

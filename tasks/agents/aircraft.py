@@ -14,6 +14,8 @@ from mani_skill.agents.controllers.base_controller import BaseController, Contro
 from mani_skill.agents.registration import register_agent
 
 GRAVITY = 9.81
+# As in aircraft.urdf: radius of the round foot, half an edge of the square hull, its height over the foot's sole (m).
+FOOT_RADIUS, HULL_HALF, HULL_UNDERSIDE = 0.12, 0.25, 0.26
 
 
 class ThrustController(BaseController):

@@ -89,6 +89,20 @@ def joints_at(points: np.ndarray, near: np.ndarray) -> np.ndarray:
     Raises:
         ValueError: if a point is out of reach, or a joint would have to leave its limits.
     """
+    joints = np.unwrap(np.vstack((near, _branch(points))), axis=0)[1:]
+    if not (np.abs(joints) <= JOINT_LIMITS).all():
+        raise ValueError("the path leaves the arm's reach or its joint limits")
+    return joints
+
+
+def turns_to(points: np.ndarray, joints: np.ndarray) -> np.ndarray:
+    """``[N, 6]``: how far each joint turns (rad) from the angles ``joints`` ``[6]`` to each of ``points`` ``[N, 3]``
+    (world, m); NaN where that is out of reach.
+    """
+    return np.unwrap(np.stack((np.broadcast_to(joints, (len(points), 6)), _branch(points))), axis=0)[1] - joints
+
+
+def _branch(points: np.ndarray) -> np.ndarray:
     points = np.asarray(points, dtype=np.float64)
     azimuth = np.arctan2(points[:, 1], points[:, 0])
     c, s = np.cos(azimuth), np.sin(azimuth)
@@ -97,7 +111,4 @@ def joints_at(points: np.ndarray, near: np.ndarray) -> np.ndarray:
     pose[:, :3, :3] = np.moveaxis(np.array([[-s, c, 0 * c], [c, s, 0 * c], [0 * c, 0 * c, -1 - 0 * c]]), -1, 0)
     pose[:, :3, 3] = points * (-1, -1, 1) + (0, 0, TOOL)
     pose[:, 3, 3] = 1
-    joints = np.unwrap(np.vstack((near, inverse(pose)[:, BRANCH])), axis=0)[1:]
-    if not (np.abs(joints) <= JOINT_LIMITS).all():
-        raise ValueError("the path leaves the arm's reach or its joint limits")
-    return joints
+    return inverse(pose)[:, BRANCH]

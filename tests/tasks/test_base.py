@@ -95,6 +95,15 @@ def test_its_state_can_be_kept_and_brought_back(world: Drop) -> None:
     assert torch.allclose(world.get_state_dict()["actors"]["ball"], before["ball"])
 
 
+@pytest.mark.parametrize("known", [0.0, 0.5, 1.0])
+def test_what_was_earned_was_available(world: Drop, monkeypatch: pytest.MonkeyPatch, known: float) -> None:
+    monkeypatch.setattr(world, "highest_reward", lambda: known)
+    for point, available in ((world.oracle_point(), 1.0), (np.array([-0.5, -0.5, 0.0]), known)):
+        world.reset(seed=0)
+        _, reward, _, _, info = world.step(point)
+        assert float(info["reward_available"]) == available >= float(reward)
+
+
 @pytest.mark.parametrize("point", [[0.0, np.nan, 0.0], [np.inf, 0.0, 0.0]])
 def test_a_point_that_is_none_is_refused(world: Drop, point: list[float]) -> None:
     world.reset(seed=0)

@@ -52,30 +52,6 @@ def test_distance_is_that_to_the_nearest_point_of_the_outline(block: Block, x: f
     assert block.distance(np.array([[x, y]]))[0] == pytest.approx(-outline if left_of_all else outline, abs=1e-9)
 
 
-@given(
-    blocks,
-    st.tuples(number(-9, 9), number(-9, 9), number(0, 3)),
-    st.tuples(number(-9, 9), number(-9, 9), number(10, 25)),
-)
-def test_hides_what_the_line_of_sight_runs_through(
-    block: Block, point: tuple[float, ...], eye: tuple[float, ...]
-) -> None:
-    line = np.array(point) + np.linspace(0, 1, 4001)[:, None] * (np.array(eye) - point)
-    # How deep each point of the line is in the block, at most.
-    depth = np.minimum.reduce([-block.distance(line), block.top_at(line) - line[:, 2], line[:, 2]]).max()
-    hidden = block.hides(np.array([point]), np.array(eye))[0]
-    if depth > 1e-3:
-        assert hidden
-    if depth < -1e-2:
-        assert not hidden
-
-
-def test_a_block_does_not_hide_its_own_top() -> None:
-    block = Block(3, 0, 20, 3, 2, 2, 30, "red")
-    points = np.column_stack((block.footprint * 0.9 + (0.3, 0), block.top_at(block.footprint * 0.9 + (0.3, 0))))
-    assert not block.hides(points, np.array([0, 0, 25.0])).any()
-
-
 def test_fields_keep_their_promises() -> None:
     for seed in range(20):
         field = sample_field(np.random.RandomState(seed), 20.0, 40, (8, 35), 0.5, (0.85, 1.1))

@@ -10,9 +10,8 @@ import pytest
 import sapien
 import torch
 
-from tasks.agents.kinematics import forward
-from tasks.agents.ur5e import joints_at
 from tasks.grasping import GraspingEnv
+from tasks.layouts import reaches
 from tasks.tabletop import CUBE, OUTSIDE, RANK, Thing, body_of, cube_top, pose_of
 from tasks.workcell import BOUNDS, CAMERAS, PIXEL_SIZE
 from tests.settings import world_settings
@@ -182,26 +181,11 @@ def test_weights_decide_what_is_best(world: GraspingEnv, monkeypatch: pytest.Mon
     assert np.linalg.norm(world.oracle_point()[:2] - (BOWL_AT.x, BOWL_AT.y)) < 0.01
 
 
-def test_layouts_out_of_reach_are_drawn_again() -> None:
-    env = GraspingEnv(**world_settings("grasping", hover=0.4, objects=[10, 10]))
-    try:
-        rejected = 0
-        for seed in range(6):
-            env.reset(seed=seed)
-            rejected += env.layouts_rejected
-            for thing in env._things.values():
-                flange = forward(joints_at(np.array([[thing.x, thing.y, 0.4]]), env._home)[0])
-                assert np.linalg.norm(flange[:2, 3] * (-1, -1) - (thing.x, thing.y)) < 0.001
-        assert rejected > 0
-    finally:
-        env.close()
-
-
 def test_the_mask_is_what_inverse_kinematics_can_reach(world: GraspingEnv, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(world, "hover", 0.3)
     rng = np.random.default_rng(0)
     points = np.column_stack((rng.uniform(*BOUNDS[0], 300), rng.uniform(*BOUNDS[1], 300), rng.uniform(0, 0.05, 300)))
-    reached = [world._reaches(Thing("cube", "red", x, y)) for x, y, _ in points]
+    reached = [reaches(Thing("cube", "red", x, y), 0.3, world._home) for x, y, _ in points]
     assert 0.5 < np.mean(reached) < 1
     assert np.array_equal(world.reachable(points), reached)
 

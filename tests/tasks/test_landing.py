@@ -8,7 +8,8 @@ import pytest
 import torch
 
 from tasks.blocks import Block
-from tasks.landing import LandingEnv, Touch
+from tasks.flight import Touch
+from tasks.landing import LandingEnv
 from tasks.overview import cell_middles
 from tests.settings import world_settings
 from xqmap.envs.maniskill import ManiSkillEnv
@@ -101,7 +102,8 @@ def test_a_touched_wall_is_not_flat(world: LandingEnv) -> None:
     target = block(world)
     put(world, target)
     spot = np.array([*target.footprint[0], target.height / 2])
-    assert world._outcome_of(Touch(spot, spot, True, target)) == {"flatness": 0.0, "color": 1.0}
+    (built,) = world._entities
+    assert world._outcome_of(Touch(spot, spot, True, built)) == {"flatness": 0.0, "color": 1.0}
 
 
 def test_a_time_out_pays_nothing(world: LandingEnv, monkeypatch: pytest.MonkeyPatch) -> None:

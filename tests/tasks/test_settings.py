@@ -149,7 +149,7 @@ def test_bounds_belong_to_what_is_taken(name: str, value: Any, started: list[dic
 
 def test_the_command_s_line_names_the_setting_in_full(toy_config: Any) -> None:
     cfg = toy_config()
-    cfg.task.env = {"_target_": "tasks.landing.LandingEnv", **SETTINGS["landing"], "blocks": [5]}
+    cfg.task.env = {"_target_": "xqmap_tasks.landing.LandingEnv", **SETTINGS["landing"], "blocks": [5]}
     cfg.task.weights = {"flatness": 1.0, "color": 1.0}
     with pytest.raises(UserError, match=r"^task\.env\.blocks must be between 0 and 200 .*, not \[5\]$"):
         build.task(cfg)

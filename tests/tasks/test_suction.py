@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tasks.suction import seals
-from tasks.tabletop import CUBE, INSIDE, OUTSIDE, Thing, sample_layout
+from tasks.tabletop import CUBE, INSIDE, OUTSIDE
 
 DOWN = np.diag([1.0, -1.0, -1.0, 1.0])
 
@@ -51,16 +51,3 @@ def cup(x: float, y: float, z: float, tilt_deg: float = 0.0) -> np.ndarray:
 )
 def test_where_the_cup_seals(kind: str, place: tuple[float, float, float], tilt: float, held: bool) -> None:
     assert seals(kind, np.eye(4), cup(*place, tilt)) is held
-
-
-@pytest.mark.parametrize(("layout", "count"), [("spread", 7), ("spread", 30), ("cluttered", 25)])
-def test_layouts_repeat_by_seed_hold_a_cube_and_do_not_overlap(layout: str, count: int) -> None:
-    bounds = np.array([[0.28, 0.72], [-0.45, 0.45]])
-    things = sample_layout(np.random.RandomState(3), count, layout, bounds, 5.0)
-    assert things == sample_layout(np.random.RandomState(3), count, layout, bounds, 5.0)
-    assert len(things) == count
-    assert "cube" in {thing.kind for thing in things}
-    places = np.array([[thing.x, thing.y] for thing in things])
-    apart = np.linalg.norm(places[:, None] - places, axis=-1)[~np.eye(count, dtype=bool)]
-    assert apart.min() > CUBE
-    assert all(Thing(**thing.to_dict()) == thing for thing in things)
