@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from omegaconf import DictConfig, OmegaConf
 from tqdm import tqdm
 
-from xqmap import explain, report
+from xqmap import report
 from xqmap.api import why
 from xqmap.config import cli, plugins, schema
 from xqmap.explanations import Decision
