@@ -5,13 +5,19 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import gymnasium as gym
 import numpy as np
 import torch
 from mani_skill.envs.sapien_env import BaseEnv
+from pydantic import Field
 
+from .settings import SettingError, Within, checked, checks
+
+# What is the same in all worlds, of ManiSkill's own settings.
+SETTLED = {"num_envs": 1, "obs_mode": "rgb+depth", "reward_mode": "sparse", "sim_backend": "physx_cpu"}
+BACKENDS = r"^(auto|(sapien_)?cpu|(gpu|cuda|sapien_cuda)(:\d+)?)$"
 # Frames a second of a film, where the control steps are that many.
 FILM_RATE = 25
 
@@ -36,12 +42,17 @@ class DecisionEnv(BaseEnv):
     :meth:`highest_reward`, :meth:`scene_objects` and :meth:`oracle_point`.
 
     Args:
-        weights: w_k by component name; R = Σ_k w_k r_k. A component that is not named weighs 1.
+        weights: w_k by component name, 0 or more; R = Σ_k w_k r_k. A component that is not named weighs 1.
         render_backend: ``"auto"`` draws on a GPU where CUDA sees one, else on the CPU.
-        kwargs: ManiSkill's own; with ``render_mode="rgb_array"`` every decision is filmed.
+        robot_uids: ManiSkill's name of the robot; ``"none"`` for a world without one.
+        render_mode: with ``"rgb_array"`` every decision is filmed.
+        kwargs: ManiSkill's own, but for those that are settled here.
 
     Attributes:
         frames: the film of the last decision, ``[h, w, 3]`` uint8 each.
+
+    Raises:
+        SettingError: if a setting is not what its annotation says, or there is none of that name.
     """
 
     REWARD_COMPONENTS: tuple[str, ...] = ()
@@ -49,9 +60,27 @@ class DecisionEnv(BaseEnv):
     METRICS: tuple[str, ...] = ()
     SUPPORTED_REWARD_MODES = ("sparse", "none")
 
+    @checked
     def __init__(
-        self, *, weights: Mapping[str, float] | None = None, render_backend: str = "auto", **kwargs: Any
+        self,
+        *,
+        weights: Annotated[
+            Mapping[str, Annotated[float, Within(0.0, 1e9)]] | None, "numbers from 0 on by component, or null"
+        ] = None,
+        render_backend: Annotated[str, Field(pattern=BACKENDS), "auto, cpu, gpu or sapien_cuda:NUMBER"] = "auto",
+        render_mode: Literal["rgb_array", "human", "sensors", "all", None] = None,
+        robot_uids: str = "none",
+        **kwargs: Any,
     ) -> None:
+        if unknown := set(weights or {}) - set(self.REWARD_COMPONENTS):
+            raise SettingError(
+                "weights", f"names {min(unknown)!r}, which is none of {', '.join(self.REWARD_COMPONENTS)}"
+            )
+        own = checks(BaseEnv.__init__)
+        for name, value in kwargs.items():
+            if name in SETTLED or name not in own:
+                raise SettingError(name, f"is no setting of {type(self).__name__}")
+            own[name](name, value)
         self.weights = torch.tensor([float((weights or {}).get(name, 1.0)) for name in self.REWARD_COMPONENTS])
         self.seconds = {"simulate": 0.0, "render": 0.0}
         self._outcome: dict[str, torch.Tensor] = {}
@@ -61,12 +90,7 @@ class DecisionEnv(BaseEnv):
         if render_backend == "auto":
             render_backend = "gpu" if torch.cuda.is_available() else "cpu"
         super().__init__(
-            num_envs=1,
-            obs_mode="rgb+depth",
-            reward_mode="sparse",
-            sim_backend="physx_cpu",
-            render_backend=render_backend,
-            **kwargs,
+            **SETTLED, render_backend=render_backend, render_mode=render_mode, robot_uids=robot_uids, **kwargs
         )
         # Building the world and drawing the first frame, which compiles shaders, are no part of a decision.
         self.seconds = {"simulate": 0.0, "render": 0.0}
@@ -111,8 +135,15 @@ class DecisionEnv(BaseEnv):
     # -- ManiSkill's side ----------------------------------------------------------------------------------------------
 
     def control_step(self, action: Any = None) -> None:
-        """One control step of the agent: ManiSkill's own step, without observation and reward."""
-        super()._step_action(action)
+        """One control step: ManiSkill's own step, without observation and reward.
+
+        Args:
+            action: ``[1, n]``, of the robot's controller; None (and always where there is no robot): time goes by.
+        """
+        if action is not None:
+            # To the controller itself: the agent's check for NaN makes numpy warn of torch's tensors at every step.
+            self.agent.controller.set_action(torch.as_tensor(action, dtype=torch.float32))
+        super()._step_action(None)
         self._control_steps += 1
         if self.render_mode == "rgb_array" and self._control_steps % self._steps_per_frame == 0:
             self.frames.append(self.render_rgb_array()[0].numpy().copy())
@@ -128,6 +159,8 @@ class DecisionEnv(BaseEnv):
 
     def _step_action(self, action: Any) -> torch.Tensor:
         point = np.asarray(action, dtype=np.float64).reshape(3)
+        if not np.isfinite(point).all():
+            raise ValueError(f"an action is a point of three finite numbers (m), not {point.tolist()}")
         start = time.perf_counter()
         self.frames, self._control_steps = [], 0
         available = self.highest_reward()
@@ -156,6 +189,13 @@ class DecisionEnv(BaseEnv):
         observation = super().get_obs(*args, **kwargs)
         self.seconds["render"] += time.perf_counter() - start
         return observation
+
+    def _get_obs_agent(self) -> dict[str, Any]:
+        return super()._get_obs_agent() if self.agent is not None else {}
+
+    def get_state_dict(self) -> dict[str, Any]:
+        """ManiSkill's state of the simulation, and of the robot's controller where there is a robot."""
+        return super().get_state_dict() if self.agent is not None else self.scene.get_sim_state()
 
     def evaluate(self) -> dict[str, torch.Tensor]:
         """The last decision's outcome as named tensors, for reward, observation and info alike."""

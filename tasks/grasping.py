@@ -24,7 +24,7 @@ Robot:
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import sapien
@@ -33,13 +33,14 @@ from mani_skill.sensors.camera import CameraConfig
 from mani_skill.utils.registration import register_env
 from mani_skill.utils.structs.types import DefaultMaterialsConfig, SceneConfig, SimConfig
 
-from tasks import oracle, workcell
-from tasks.agents.ur5e import UR5e, cup_reach, joints_at
-from tasks.base import DecisionEnv, SceneObject
-from tasks.primitives import Arm, pick
-from tasks.suction import Suction, seals
-from tasks.tabletop import FRICTION, INSIDE, TOP, Thing, body_of, cube_top, entity, footprint, pose_of, sample_layout
-from tasks.workcell import BIN, BOUNDS, HOME_HEIGHT, PIXEL_SIZE
+from . import oracle, workcell
+from .agents.ur5e import UR5e, cup_reach, joints_at
+from .base import DecisionEnv, SceneObject
+from .primitives import Arm, pick
+from .settings import Within, checked
+from .suction import Suction, seals
+from .tabletop import FRICTION, INSIDE, TOP, Thing, body_of, cube_top, entity, footprint, pose_of, sample_layout
+from .workcell import BIN, BOUNDS, HOME_HEIGHT, PIXEL_SIZE
 
 # Objects are at rest when none is faster (m/s); they get this many simulation steps to come to rest.
 STILL, SETTLE_STEPS = 0.002, 400
@@ -70,7 +71,8 @@ class GraspingEnv(DecisionEnv):
     leaves all else as the seed has it: the way to see the same table with one object recolored, reshaped or gone.
 
     Raises:
-        ValueError: if a setting is out of its range, or no layout within the arm's reach is found.
+        SettingError: if a setting is not what its annotation says.
+        ValueError: if no layout within the arm's reach is found.
     """
 
     REWARD_COMPONENTS = ("shape", "color")
@@ -79,35 +81,21 @@ class GraspingEnv(DecisionEnv):
     SUPPORTED_ROBOTS = ["xqmap_ur5e"]  # noqa: RUF012 (ManiSkill's own declaration)
     agent: UR5e
 
+    @checked
     def __init__(
         self,
         *,
-        objects: tuple[int, int],
-        layout: str,
-        seal: str,
-        light: float,
-        tint: float,
-        depth_noise: float,
-        hover: float,
-        attempts: int,
-        control_steps: int,
+        objects: Annotated[tuple[int, int], Within(1, 30)],
+        layout: Literal["spread", "cluttered"],
+        seal: Literal["rim", "touch"],
+        light: Annotated[float, Within(0.0, 2.0)],
+        tint: Annotated[float, Within(0.0, 255.0)],
+        depth_noise: Annotated[float, Within(0.0, 0.1)],
+        hover: Annotated[float, Within(0.09, 0.4)],
+        attempts: Annotated[int, Within(1, 10_000)],
+        control_steps: Annotated[int, Within(1, 100_000)],
         **kwargs: Any,
     ) -> None:
-        for name, value, low, high in (
-            ("objects", objects[0], 1, objects[1]),
-            ("objects", objects[1], objects[0], 30),
-            ("light", light, 0.0, 2.0),
-            ("tint", tint, 0.0, 255.0),
-            ("depth_noise", depth_noise, 0.0, 0.1),
-            ("hover", hover, 0.09, 0.4),
-            ("attempts", attempts, 1, np.inf),
-            ("control_steps", control_steps, 1, np.inf),
-        ):
-            if not low <= value <= high:
-                raise ValueError(f"{name} must be between {low:g} and {high:g}, not {value:g}")
-        for name, word, words in (("layout", layout, ("spread", "cluttered")), ("seal", seal, ("rim", "touch"))):
-            if word not in words:
-                raise ValueError(f"{name} must be {' or '.join(words)}, not {word}")
         self.object_range, self.layout, self.seal, self.light, self.tint = objects, layout, seal, light, tint
         self.depth_noise, self.hover, self.attempts, self.control_steps = depth_noise, hover, attempts, control_steps
         self._things: dict[sapien.Entity, Thing] = {}
@@ -323,7 +311,7 @@ class GraspingEnv(DecisionEnv):
         return np.add(chosen.pose.p, (0, 0, float(INSIDE[0, 1])))
 
     def exact_values(self, gamma: float) -> np.ndarray:
-        """Q*_k ``[objects, 2]`` of each of :meth:`scene_objects`, from the exact solution in :mod:`tasks.oracle`."""
+        """Q*_k ``[objects, 2]`` of each of :meth:`scene_objects`, from the exact solution in :mod:`.oracle`."""
         return oracle.component_values(self._items()[1], self.weights.tolist(), gamma)
 
     def scene_objects(self) -> list[SceneObject]:

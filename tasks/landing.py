@@ -25,7 +25,7 @@ Cells:
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import sapien
@@ -34,10 +34,11 @@ from mani_skill.sensors.camera import CameraConfig
 from mani_skill.utils.registration import register_env
 from mani_skill.utils.structs.types import DefaultMaterialsConfig, SceneConfig, SimConfig
 
-from tasks.agents.aircraft import Aircraft
-from tasks.base import DecisionEnv, SceneObject
-from tasks.blocks import MAX_TOP, Block, entity, material, sample_field
-from tasks.overview import best_place, in_view
+from .agents.aircraft import Aircraft
+from .base import DecisionEnv, SceneObject
+from .blocks import MAX_TOP, Block, entity, material, sample_field
+from .overview import best_place, in_view
+from .settings import Within, checked
 
 CELLS = 84
 HALF_SIZE = 20.0
@@ -90,7 +91,7 @@ class LandingEnv(DecisionEnv):
     leaves all else as the seed has it: the way to see the same view with one block recolored, leveled or gone.
 
     Raises:
-        ValueError: if a setting is out of its range.
+        SettingError: if a setting is not what its annotation says.
     """
 
     REWARD_COMPONENTS = ("flatness", "color")
@@ -99,34 +100,21 @@ class LandingEnv(DecisionEnv):
     SUPPORTED_ROBOTS = ["xqmap_aircraft"]  # noqa: RUF012 (ManiSkill's own declaration)
     agent: Aircraft
 
+    @checked
     def __init__(
         self,
         *,
-        altitude: float,
-        pixel_size: float,
-        image_size: int,
-        blocks: tuple[int, int],
-        incline_deg: tuple[float, float],
-        inclined_share: float,
-        light: float,
-        landings_per_episode: int,
-        control_steps: int,
+        altitude: Annotated[float, Within(10.0, 30.0)],
+        pixel_size: Annotated[float, Within(0.05, 2 * HALF_SIZE / CELLS)],
+        image_size: Annotated[int, Within(2 * CELLS, 4096)],
+        blocks: Annotated[tuple[int, int], Within(0, 200)],
+        incline_deg: Annotated[tuple[float, float], Within(0.0, 45.0)],
+        inclined_share: Annotated[float, Within(0.0, 1.0)],
+        light: Annotated[float, Within(0.0, 2.0)],
+        landings_per_episode: Annotated[int, Within(1, 10_000)],
+        control_steps: Annotated[int, Within(1, 10_000)],
         **kwargs: Any,
     ) -> None:
-        for name, value, low, high in (
-            ("altitude", altitude, 10.0, 30.0),
-            ("pixel_size", pixel_size, 0.05, 2 * HALF_SIZE / CELLS),
-            ("image_size", image_size, 2 * CELLS, 4096),
-            ("inclined_share", inclined_share, 0.0, 1.0),
-            ("light", light, 0.0, 2.0),
-            ("landings_per_episode", landings_per_episode, 1, np.inf),
-            ("control_steps", control_steps, 1, np.inf),
-            ("blocks", blocks[0], 0, blocks[1]),
-            ("incline_deg", incline_deg[0], 0.0, incline_deg[1]),
-            ("incline_deg", incline_deg[1], incline_deg[0], 45.0),
-        ):
-            if not low <= value <= high:
-                raise ValueError(f"{name} must be between {low:g} and {high:g}, not {value:g}")
         self.altitude, self._pixel_size, self.image_size = altitude, pixel_size, image_size
         self.block_range, self.incline_deg, self.inclined_share = blocks, incline_deg, inclined_share
         self.light, self.landings_per_episode, self.control_steps = light, landings_per_episode, control_steps

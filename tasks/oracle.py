@@ -5,7 +5,7 @@ bowl pays its color and stays. So values follow by backward induction over the c
 needs one sweep), and a choice that changes nothing is worth its reward for ever, r / (1 − γ). The limit of attempts is
 left out, as it is for the agent.
 
-``python -m tasks.oracle`` prints for which discounts the best choice is also the one with the highest reward.
+Run as a module (``-m``), it prints for which discounts the best choice is also the one with the highest reward.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tasks.tabletop import COLORS, RANK
+from .tabletop import COLORS, RANK
 
 SHAPE, COLOR = 0, 1
 # Values closer than this are equal: of equal choices the oracle takes the one that brings the end nearer, then the

@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from tasks.blocks import Block
+from .blocks import Block
 
 # What a choice needs to be sure of its outcome: the foot this far inside the top's edges, the hull this far from other
 # blocks (m).

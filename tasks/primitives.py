@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 import sapien
 
-from tasks.agents.kinematics import forward
-from tasks.agents.ur5e import TOOL, UR5e, joints_at
-from tasks.suction import SLIP, Suction
-from tasks.tabletop import body_of
+from .agents.kinematics import forward
+from .agents.ur5e import TOOL, UR5e, joints_at
+from .suction import SLIP, Suction
+from .tabletop import body_of
 
 # The fastest a joint turns on a way through the air (rad/s; the arm's own limit is π), and the shortest such way (s).
 JOINT_SPEED = 2.6

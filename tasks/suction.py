@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import sapien
 
-from tasks.tabletop import planes
+from .tabletop import planes
 
 RIM_RADIUS = 0.01
 RIM_POINTS = 24

@@ -25,6 +25,8 @@ CUBE = 0.04
 INSIDE = np.array([(0.0, 0.004), (0.010, 0.0077), (0.028, 0.0175), (0.0545, 0.035)])
 OUTSIDE = np.array([(0.0, 0.0), (0.022, 0.0), (0.034, 0.0095), (0.0575, 0.035)])
 SECTORS = 24
+# Of a convex part: its corners by face, counter-clockwise from outside.
+FACES = ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7))
 MASS = {"cube": 0.01, "bowl": 0.1}
 TOP = {"cube": CUBE, "bowl": float(OUTSIDE[-1, 1])}
 RADIUS = {"cube": CUBE / np.sqrt(2), "bowl": float(OUTSIDE[-1, 0])}
@@ -117,8 +119,8 @@ def sample_layout(rng: np.random.RandomState, count: int, layout: str, bounds: n
         gap, heap = (gap * 0.9, heap) if layout == "spread" else (gap, heap * 1.03)
     yaws = rng.uniform(0, 360, count)
     return [
-        Thing(kind, color, float(place[0]), float(place[1]), float(yaw), tuple(float(value) for value in shift))
-        for kind, color, place, yaw, shift in zip(kinds, colors, places, yaws, tints, strict=True)
+        Thing(kind, color, float(place[0]), float(place[1]), float(yaw), (float(red), float(green), float(blue)))
+        for kind, color, place, yaw, (red, green, blue) in zip(kinds, colors, places, yaws, tints, strict=True)
     ]
 
 
@@ -149,11 +151,10 @@ def pieces(kind: str) -> tuple[np.ndarray, ...]:
 @cache
 def planes(kind: str) -> np.ndarray:
     """``[pieces, 6, 4]``: outward normal and offset of the faces of :func:`pieces` (n·x ≤ d inside)."""
-    faces = ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7))
     result = []
     for corners in pieces(kind):
         middle = corners.mean(0)
-        for face in faces:
+        for face in FACES:
             quad = corners[list(face)]
             # Of a quadrilateral that is a triangle, or a line, the diagonals still tell what plane there is.
             normal = np.cross(quad[2] - quad[0], quad[3] - quad[1])
@@ -244,12 +245,9 @@ def _mesh(kind: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Triangles for drawing: vertices, triangles, normals; round where a bowl is round, sharp at edges."""
     if kind == "cube":
         (corners,) = pieces(kind)
-        quads = [
-            corners[list(face)]
-            for face in ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7))
-        ]
-        normals = [np.cross(quad[1] - quad[0], quad[2] - quad[0]) for quad in quads]
-        return _triangles(np.array(quads), np.repeat(np.array(normals)[:, None], 4, axis=1))
+        sides = corners[np.array(FACES)]
+        across = np.cross(sides[:, 1] - sides[:, 0], sides[:, 2] - sides[:, 0])
+        return _triangles(sides, np.repeat(across[:, None], 4, axis=1))
     angles = np.linspace(0, 2 * np.pi, 2 * SECTORS + 1)
     spokes = np.stack((np.cos(angles), np.sin(angles)), -1)
     # Up the outside, over the rim, down the inside.

@@ -9,7 +9,7 @@ import sapien
 from mani_skill.envs.scene import ManiSkillScene
 from mani_skill.sensors.camera import CameraConfig
 
-from tasks.tabletop import material
+from .tabletop import material
 
 # The workspace of Ravens. Its floor lies below the table, so that table and unseen cells differ in height as well (m).
 BOUNDS = np.array([[0.25, 0.75], [-0.5, 0.5], [-0.01, 0.28]])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,14 +13,14 @@ from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig, open_dict
 
 from tests.toy import ToyTask
-from xqmap.config import build, cli, schema
+from xqmap.config import plugins, schema
 
 
 def toy_settings(*overrides: str) -> DictConfig:
     """Settings of a training in the toy world, with ``key=value`` changes."""
     schema.register()
     small = ["qnet.width=8", "qnet.depth=1", "logger.mode=disabled", "trainer.precision=fp32", "evaluation.seeds=[0,1]"]
-    with initialize_config_dir(cli.CONF, version_base=None):
+    with initialize_config_dir(str(plugins.CONF), version_base=None):
         cfg = compose("config", ["+task=landing", "trainer=smoke", *small, *overrides])
     with open_dict(cfg):
         cfg.task.name = "toy"
@@ -27,6 +29,14 @@ def toy_settings(*overrides: str) -> DictConfig:
         cfg.task.env = {"_target_": "tests.toy.ToyTask"}
     return cfg
 
+
+# The toy world is installed like anyone's package, for this process and those it starts.
+INSTALLED = str(Path(__file__).parent / "installed")
+ROOT = str(Path(__file__).parents[1])
+sys.path.append(INSTALLED)
+os.environ["PYTHONPATH"] = os.pathsep.join(
+    [ROOT, INSTALLED, *os.environ.get("PYTHONPATH", "").split(os.pathsep)]
+).strip(os.pathsep)
 
 # A busy machine is no failure.
 hypothesis.settings.register_profile("untimed", deadline=None)
@@ -37,12 +47,6 @@ hypothesis.settings.load_profile("untimed")
 def toy_config() -> Callable[..., DictConfig]:
     """See :func:`toy_settings`."""
     return toy_settings
-
-
-@pytest.fixture
-def trust_toy(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Lets settings name the toy world."""
-    monkeypatch.setattr(build, "TRUSTED", (*build.TRUSTED, "tests."))
 
 
 @pytest.fixture

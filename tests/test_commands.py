@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from xqmap.config import cli
+from xqmap.config import plugins
 
 
 def call(module: str, *arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
@@ -92,7 +92,7 @@ def test_a_decision_file_is_talked_about(tmp_path: Path) -> None:
     assert "color speaks for it (+1.00)" in done.stdout
     assert "Q_flatness=0.90" in done.stdout
     assert (tmp_path / "explanation" / "dialogue.json").exists()
-    questions = Path(cli.CONF) / "explain" / "questions" / "landing.yaml"
+    questions = plugins.CONF / "explain" / "questions" / "landing.yaml"
     done = call("chat", f"decision={path}", f"questions={questions}", cwd=tmp_path)
     assert "100.0% of the answers grounded, 100.0% as expected" in done.stdout
     bad = call("chat", f"decision={path}", "llm=openai", "question=why", cwd=tmp_path)

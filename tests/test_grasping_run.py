@@ -12,7 +12,7 @@ from torchrl.envs.utils import check_env_specs
 
 from tests.browser import everything_is_drawn, opened, table
 from tests.test_commands import call
-from xqmap.config import build, cli, schema
+from xqmap.config import build, plugins, schema
 from xqmap.reports import curves
 
 pytestmark = pytest.mark.sim
@@ -29,7 +29,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_environment_keeps_its_specs() -> None:
     schema.register()
-    with initialize_config_dir(cli.CONF, version_base=None):
+    with initialize_config_dir(str(plugins.CONF), version_base=None):
         env = build.make_env(compose("config", ["+task=grasping"]), 3)()
     try:
         check_env_specs(env)

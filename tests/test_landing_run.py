@@ -15,14 +15,14 @@ from torchrl.envs.utils import check_env_specs, step_mdp
 from tests.browser import everything_is_drawn, opened, table
 from tests.test_commands import call
 from xqmap import keys
-from xqmap.config import build, cli, schema
+from xqmap.config import build, plugins, schema
 
 pytestmark = pytest.mark.sim
 
 
 def settings(*overrides: str) -> DictConfig:
     schema.register()
-    with initialize_config_dir(cli.CONF, version_base=None):
+    with initialize_config_dir(str(plugins.CONF), version_base=None):
         return compose("config", ["+task=landing", *overrides])
 
 

@@ -11,11 +11,12 @@ from omegaconf import DictConfig
 from xqmap import doctor
 from xqmap.config import cli, schema
 from xqmap.errors import UserError
-from xqmap.runs import checkpoint
+from xqmap.files import require_place, write_atomically
 
 
 def bench(cfg: DictConfig) -> None:
     """Runs the benchmarks that ``cfg.what`` names and writes ``cfg.out``, if given."""
+    # Importing the simulator takes seconds, which a wrong argument need not wait for.
     from xqmap.benchmarks.replay import replay
     from xqmap.benchmarks.robustness.suite import ROBUSTNESS
     from xqmap.benchmarks.speed import BENCHMARKS, Benchmark, machine
@@ -27,6 +28,8 @@ def bench(cfg: DictConfig) -> None:
         raise UserError(f"what={unknown.pop()} is not one of {', '.join(known)}, all")
     if cfg.rounds is not None and not (isinstance(cfg.rounds, int) and cfg.rounds > 0):
         raise UserError(f"rounds={cfg.rounds} must be a whole number above 0")
+    if cfg.out is not None:
+        require_place(Path(cfg.out))
     settings = compose("config", [f"+task={cfg.task_name}", *cfg.settings])
     schema.validate(settings)
     doctor.require_rendering()
@@ -40,7 +43,7 @@ def bench(cfg: DictConfig) -> None:
         print(f"{name:<12}{'  '.join(shown)}")
     text = json.dumps(results, indent=1)
     if cfg.out is not None:
-        checkpoint.write_atomically(Path(cfg.out), (text + "\n").encode())
+        write_atomically(Path(cfg.out), (text + "\n").encode())
         print(f"wrote {cfg.out}")
     else:
         print(text)

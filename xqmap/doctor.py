@@ -50,7 +50,7 @@ class Finding:
 
 def vulkan() -> Finding:
     """Whether SAPIEN can render a frame here, and on which device."""
-    import torch
+    import torch  # not there at all on a machine that needs this command
 
     command = [sys.executable, "-c", _FRAME.format(gpu=torch.cuda.is_available())]
     try:
@@ -79,7 +79,7 @@ def packages() -> Finding:
 
 def threads() -> Finding:
     """How many threads torch computes with."""
-    import torch
+    import torch  # not there at all on a machine that needs this command
 
     line = f"torch computes with {torch.get_num_threads()} of {os.cpu_count()} processors"
     return Finding("threads", True, f"{line}; a GPU is there" if torch.cuda.is_available() else line, vital=False)

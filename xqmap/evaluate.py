@@ -10,14 +10,17 @@ from xqmap import doctor
 from xqmap.config import cli
 from xqmap.errors import UserError
 from xqmap.evaluation import sheets
-from xqmap.runs import checkpoint, commands
+from xqmap.evaluation.file import evaluation_file
+from xqmap.evaluation.run import evaluate_run
+from xqmap.files import require_place
+from xqmap.runs.run import load_run
 
 
 def evaluate(cfg: DictConfig) -> None:
     """Evaluates ``cfg.run`` as it was trained or on ``cfg.sheets``, with what ``cfg.task.env`` and ``cfg.evaluation``
     change.
     """
-    run = checkpoint.load_run(cli.required(cfg, "run", "run=DIR, a directory that python -m xqmap.train left"))
+    run = load_run(cli.required(cfg, "run", "run=DIR, a directory that python -m xqmap.train left"))
     told = {"task": cfg.task, "evaluation": {key: value for key, value in cfg.evaluation.items() if value is not None}}
     wanted = [cfg.sheets] if isinstance(cfg.sheets, str) else list(cfg.sheets)
     played: list[str | None] = [*sheets.chosen(run.cfg.task.name, wanted)] or [None]
@@ -29,12 +32,10 @@ def evaluate(cfg: DictConfig) -> None:
         sheets.applied(run, OmegaConf.merge(sheets.load(run.cfg.task.name, sheet) if sheet else {}, told))
         for sheet in played
     ]
-    outs = [
-        checkpoint.require_place(Path(cfg.out or commands.evaluation_file(run.directory, sheet))) for sheet in played
-    ]
+    outs = [require_place(Path(cfg.out or evaluation_file(run.directory, sheet))) for sheet in played]
     doctor.require_rendering()
     for changed, sheet, out in zip(runs, played, outs, strict=True):
-        commands.evaluate_run(changed, changed.cfg.evaluation, out, sheet)
+        evaluate_run(changed, changed.cfg.evaluation, out, sheet)
 
 
 main = cli.main("evaluate")(evaluate)

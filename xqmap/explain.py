@@ -15,7 +15,9 @@ from xqmap.explanations import Decision
 from xqmap.explanations.dialogue.conversation import excerpt, saved_conversation
 from xqmap.explanations.views import plots
 from xqmap.explanations.views.page import page
-from xqmap.runs import checkpoint, commands
+from xqmap.files import write_atomically
+from xqmap.runs.decide import decide, default_folder
+from xqmap.runs.run import load_run
 
 
 def explain(cfg: DictConfig) -> None:
@@ -23,7 +25,7 @@ def explain(cfg: DictConfig) -> None:
     own.
     """
     decisions = decisions_of(cfg)
-    out = Path(cfg.out) if cfg.out else commands.default_folder(cfg, "explanation")
+    out = Path(cfg.out) if cfg.out else default_folder(cfg, "explanation")
     folders = [out / f"step{decision.step + 1:02d}" for decision in decisions] if len(decisions) > 1 else [out]
     written = []
     for decision, folder in zip(
@@ -32,7 +34,7 @@ def explain(cfg: DictConfig) -> None:
         written += write(decision, folder)
     if len(decisions) > 1:
         written += plots.save(plots.over_time(decisions), out / "episode")
-        checkpoint.write_atomically(out / "explanation.html", page(decisions).encode())
+        write_atomically(out / "explanation.html", page(decisions).encode())
         written.append(out / "explanation.html")
     for decision in decisions:
         print(
@@ -54,7 +56,7 @@ def decisions_of(cfg: DictConfig) -> list[Decision]:
     steps = cli.decisions(cfg)
     if cfg.candidates not in ("pixel", "object"):
         raise UserError(f"candidates={cfg.candidates} is neither pixel nor object")
-    return commands.decide(checkpoint.load_run(cfg.run), cfg.scene_seed, steps, cfg.perception, cfg.candidates)
+    return decide(load_run(cfg.run), cfg.scene_seed, steps, cfg.perception, cfg.candidates)
 
 
 def write(decision: Decision, folder: Path) -> list[Path]:
@@ -63,8 +65,8 @@ def write(decision: Decision, folder: Path) -> list[Path]:
     html = page([decision], conversation(decision, folder))
     folder.mkdir(parents=True, exist_ok=True)
     written = [*decision.save(folder / "decision.json"), folder / "explanation.txt", folder / "explanation.html"]
-    checkpoint.write_atomically(folder / "explanation.txt", (text(decision) + "\n").encode())
-    checkpoint.write_atomically(folder / "explanation.html", html.encode())
+    write_atomically(folder / "explanation.txt", (text(decision) + "\n").encode())
+    write_atomically(folder / "explanation.html", html.encode())
     if decision.maps is None:
         print("qmaps are not drawn: there are no maps (decision.npz) beside the decision file")
     else:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import os
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -10,51 +10,44 @@ import imageio_ffmpeg
 import numpy as np
 import torch
 from omegaconf import DictConfig, OmegaConf
-from torchrl.envs.utils import step_mdp
 from tqdm import tqdm
 
-from xqmap import doctor, keys
+from xqmap import doctor
 from xqmap.config import build, cli
+from xqmap.envs.episode import episode
 from xqmap.errors import UserError
-from xqmap.evaluation import play
-from xqmap.runs import checkpoint
+from xqmap.evaluation.baselines import greedy
+from xqmap.files import replacing, require_place
+from xqmap.runs.run import load_run
 
 
 def film(cfg: DictConfig) -> None:
     """Plays ``cfg.steps`` decisions of the scene and writes ``cfg.out``, an mp4 file."""
-    run = checkpoint.load_run(cli.required(cfg, "run", "run=DIR, a directory that python -m xqmap.train left"))
+    run = load_run(cli.required(cfg, "run", "run=DIR, a directory that python -m xqmap.train left"))
     steps = cli.decisions(cfg)
     out = Path(cfg.out) if cfg.out else Path(f"{run.cfg.task.name}-scene{cfg.scene_seed}.mp4")
     if out.suffix != ".mp4":
         raise UserError(f"out={out} must end with .mp4")
-    checkpoint.require_place(out)
+    require_place(out)
     doctor.require_rendering()
     settings = OmegaConf.merge(run.cfg, {"task": {"env": {"render_mode": "rgb_array"}}})
     assert isinstance(settings, DictConfig)
     env = build.make_env(settings, first_scene=cfg.scene_seed)()
-    choose = play.greedy(run.policy)
-    beside = out.with_name(f".{out.name}.part.mp4")
-    out.parent.mkdir(parents=True, exist_ok=True)
+    choose = greedy(run.policy)
     made, frames, video = 0, 0, None
     try:
-        with tqdm(total=steps, unit="decision", desc="filming") as bar:
-            state, done = env.reset(), False
-            while not done and (steps is None or made < steps):
-                state[keys.ACTION] = torch.tensor(choose(state, env, torch.default_generator))
-                state = env.step(state)
+        with replacing(out) as beside, tqdm(total=steps, unit="decision", desc="filming") as bar:
+            for _ in islice(episode(env, lambda state: choose(state, env, torch.default_generator)), steps):
                 for frame in env.task.frames:
                     if video is None:
                         video = _writer(beside, frame, env.task.frame_rate)
                     video.send(np.ascontiguousarray(frame))
                 made, frames = made + 1, frames + len(env.task.frames)
-                done, state = bool(state["next", keys.DONE]), step_mdp(state)
                 bar.update()
-        if video is None:
-            raise UserError(f"{run.cfg.task.name} gave no pictures of its robot: nothing was filmed")
-        video.close()
-        os.replace(beside, out)
+            if video is None:
+                raise UserError(f"{run.cfg.task.name} gave no pictures of its robot: nothing was filmed")
+            video.close()
     finally:
-        beside.unlink(missing_ok=True)
         env.close()
     print(f"wrote {out}: {made} decisions, {frames / env.task.frame_rate:.1f} s")
 

@@ -15,10 +15,10 @@ from xqmap.errors import UserError
 from xqmap.evaluation import results, tables
 from xqmap.evaluation.sheets import ALL
 from xqmap.explanations.views import plots
+from xqmap.files import write_atomically
 from xqmap.reports import stories
 from xqmap.reports.page import Report, page
 from xqmap.reports.runs import Run, gather
-from xqmap.runs.checkpoint import write_atomically
 
 FORMATS = ("html", "md", "csv")
 

@@ -17,10 +17,14 @@ from omegaconf import DictConfig, OmegaConf
 from torch import Tensor
 
 from xqmap import doctor
-from xqmap.config import cli, schema
+from xqmap.config import arguments, cli, schema
 from xqmap.errors import Stopped, UserError
 from xqmap.evaluation import sheets, sweeps
-from xqmap.runs import checkpoint, commands, locks
+from xqmap.evaluation.file import evaluation_file
+from xqmap.evaluation.run import evaluate_run
+from xqmap.files import write_atomically
+from xqmap.runs import checkpoint, locks
+from xqmap.runs.run import load_run, stored_settings
 
 Saved = tuple[dict[str, Tensor], dict[str, Any]]
 
@@ -36,13 +40,14 @@ def train(cfg: DictConfig) -> float:
         place = Path(cfg.resume)
         directory = place.parent.parent if place.suffix == ".safetensors" else place
         saved = checkpoint.read_training(place)
-        cfg = checkpoint.settings(saved[1], place)
+        cfg = stored_settings(saved[1], place)
         print(f"going on with {directory} from decision {saved[1].get('frames')}")
     else:
         directory, sweep = Path(HydraConfig.get().runtime.output_dir), HydraConfig.get().mode == RunMode.MULTIRUN
         if not sweep and ((directory / checkpoint.POLICY).exists() or checkpoint.trainings(directory)):
             raise UserError(
-                f"{directory} already holds a run: choose another hydra.run.dir or go on with resume={directory}"
+                f"{directory} already holds a run: choose another hydra.run.dir or go on with "
+                + arguments.setting("resume", directory)
             )
     schema.validate(cfg)
     sheets.chosen(cfg.task.name, cfg.sheets)
@@ -62,16 +67,16 @@ def _evaluate(cfg: DictConfig, directory: Path, again: bool) -> float:
     """Plays the policy of a run as it was trained and on ``cfg.sheets``; unless ``again``, only what was not played
     yet.
     """
-    trained, means = dataclasses.replace(checkpoint.load_run(directory), cfg=cfg), []
+    trained, means = dataclasses.replace(load_run(directory), cfg=cfg), []
     for sheet in [None, *sheets.chosen(cfg.task.name, cfg.sheets)]:
         run = sheets.applied(trained, sheets.load(cfg.task.name, sheet) if sheet else {})
-        path = commands.evaluation_file(directory, sheet)
+        path = evaluation_file(directory, sheet)
         played = None if again else sweeps.evaluated(path, run)
         if played:
             print(f"{path} is complete: not played again")
         else:
             known = None if again else sweeps.baselines(directory.parent, run)
-            played = commands.evaluate_run(run, run.cfg.evaluation, path, sheet, known)
+            played = evaluate_run(run, run.cfg.evaluation, path, sheet, known)
         means.append(float(played["success"]["mean"]))
     return means[0]
 
@@ -94,7 +99,7 @@ def _train(cfg: DictConfig, directory: Path, saved: Saved | None) -> None:
         if not trainer.saved_frames:
             return "nothing was saved yet"
         sweep = HydraConfig.get().mode == RunMode.MULTIRUN
-        command = "the same command" if sweep else f"python -m xqmap.train resume={directory}"
+        command = "the same command" if sweep else arguments.command("train", resume=directory)
         return f"go on from decision {trainer.saved_frames} with: {command}"
 
     try:
@@ -126,7 +131,7 @@ def _write_settings(cfg: DictConfig, directory: Path) -> None:
         "hydra": OmegaConf.create({"hydra": hydra}),
         "overrides": hydra.overrides.task,
     }.items():
-        checkpoint.write_atomically(directory / ".hydra" / f"{name}.yaml", OmegaConf.to_yaml(content).encode())
+        write_atomically(directory / ".hydra" / f"{name}.yaml", OmegaConf.to_yaml(content).encode())
 
 
 main = cli.main("config")(train)

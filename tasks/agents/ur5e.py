@@ -12,7 +12,7 @@ from mani_skill.agents.base_agent import BaseAgent
 from mani_skill.agents.controllers.base_controller import BaseController, ControllerConfig
 from mani_skill.agents.registration import register_agent
 
-from tasks.agents.kinematics import JOINT_LIMITS, inverse, reach
+from .kinematics import JOINT_LIMITS, inverse, reach
 
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
 # Flange to the cup's rim, m.

@@ -27,21 +27,16 @@ from xqmap.config import build
 from xqmap.errors import UserError, WorkerLost
 from xqmap.models.policy import GreedyPolicy
 from xqmap.runs import checkpoint
+from xqmap.runs.run import load_run
 from xqmap.trainers.trainer import Trainer
 
-pytestmark = [pytest.mark.sim, pytest.mark.usefixtures("trust_toy"), pytest.mark.filterwarnings("ignore")]
+pytestmark = [pytest.mark.sim, pytest.mark.filterwarnings("ignore")]
 make_env = build.make_env
-
-
-def trusted_env(cfg: DictConfig, first_scene: int) -> Any:
-    """Runs in the worker, where no fixture reaches."""
-    build.TRUSTED = (*build.TRUSTED, "tests.")
-    return make_env(cfg, first_scene)()
 
 
 def failing_env(cfg: DictConfig, first_scene: int) -> Any:
     """A world that fails in its ninth decision."""
-    env = trusted_env(cfg, first_scene)
+    env = make_env(cfg, first_scene)()
     step, made = env.task.step, iter(range(9))
 
     def failing(action: Any) -> Any:
@@ -54,8 +49,7 @@ def failing_env(cfg: DictConfig, first_scene: int) -> Any:
 
 
 @pytest.fixture
-def config(toy_config: Callable[..., DictConfig], monkeypatch: pytest.MonkeyPatch) -> Callable[..., DictConfig]:
-    monkeypatch.setattr(build, "make_env", lambda cfg, first_scene: partial(trusted_env, cfg, first_scene))
+def config(toy_config: Callable[..., DictConfig]) -> Callable[..., DictConfig]:
     return lambda *overrides: toy_config("collector=parallel", "collector.frames_per_batch=2", *overrides)
 
 
@@ -121,7 +115,7 @@ def test_a_dead_worker_is_named_and_what_was_learned_is_saved(
         trainer.run()
     trainer.close()
     assert trainer.saved_frames == trainer.frames > 0
-    checkpoint.load_run(run_directory)
+    load_run(run_directory)
 
 
 def test_what_a_dead_worker_never_read_does_not_hold_up_the_end() -> None:
@@ -144,7 +138,7 @@ def test_workers_in_step_repeat_bit_by_bit(config: Callable[..., DictConfig], tm
     )
     first, second = (train(config(*settings, "trainer.warmup_frames=6"), tmp_path / name) for name in "ab")
     assert first.updates > 0
-    shas = [checkpoint.load_run(tmp_path / name).sha256 for name in "ab"]
+    shas = [load_run(tmp_path / name).sha256 for name in "ab"]
     assert shas[0] == shas[1]
     scenes = [trained.replay.contents()["state.color"] for trained in (first, second)]
     assert torch.equal(*scenes)
@@ -164,7 +158,7 @@ def test_a_simulator_that_fails_in_a_worker_ends_the_run_saved(
         trainer.run()
     trainer.close()
     assert trainer.saved_frames == trainer.frames > 0
-    checkpoint.load_run(run_directory)
+    load_run(run_directory)
     assert "error in a worker: the simulator failed in scene" in (told := capfd.readouterr().err)
     assert "Traceback" not in told
 

@@ -39,7 +39,7 @@ class Knowing:
 
 
 @pytest.fixture
-def env(toy_config: Callable[..., DictConfig], trust_toy: None) -> Any:
+def env(toy_config: Callable[..., DictConfig]) -> Any:
     return build.make_env(toy_config(), 0)()
 
 

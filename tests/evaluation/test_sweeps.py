@@ -13,12 +13,12 @@ from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig, OmegaConf
 
 from xqmap import doctor, train
-from xqmap.config import build, cli, schema
+from xqmap.config import build, plugins, schema
 from xqmap.errors import UserError
 from xqmap.evaluation import sheets
 
-pytestmark = [pytest.mark.usefixtures("trust_toy"), pytest.mark.filterwarnings("ignore::FutureWarning")]
-TOY = [f"hydra.searchpath=[file://{Path(__file__).parents[1] / 'conf'}]", "+task=toy"]
+pytestmark = [pytest.mark.filterwarnings("ignore::FutureWarning")]
+TOY = ["+task=toy"]
 
 
 @pytest.fixture
@@ -120,15 +120,15 @@ def test_one_job_that_fails_does_not_keep_the_others(sweep: Callable[..., Path])
 
 def composed(*overrides: str) -> DictConfig:
     schema.register()
-    with initialize_config_dir(cli.CONF, version_base=None):
+    with initialize_config_dir(str(plugins.CONF), version_base=None):
         return compose("config", list(overrides), return_hydra_config=True)
 
 
-TASKS = sorted(path.stem for path in (Path(cli.CONF) / "task").glob("*.yaml"))
+TASKS = sorted(path.stem for path in (plugins.CONF / "task").glob("*.yaml"))
 SHEETS = [(task, name) for task in TASKS for name in sheets.names(task)]
 
 
-@pytest.mark.parametrize("name", sorted(path.stem for path in (Path(cli.CONF) / "sweep").glob("*.yaml")))
+@pytest.mark.parametrize("name", sorted(path.stem for path in (plugins.CONF / "sweep").glob("*.yaml")))
 def test_every_sweep_file_names_settings_that_exist(name: str) -> None:
     cfg = composed("+task=landing", f"+sweep={name}")
     assert cfg.hydra.sweep.dir == f"multirun/{name}"

@@ -17,7 +17,7 @@ from tensordict import TensorDict
 
 from xqmap.errors import UserError
 from xqmap.explanations import Candidate, Decision, contrast
-from xqmap.explanations.decision import label
+from xqmap.explanations.candidate import label
 from xqmap.explanations.perception import Scene
 from xqmap.explanations.views import plots
 from xqmap.explanations.views.sentences import listed, number, signed
@@ -133,7 +133,7 @@ def test_every_number_in_a_sentence_is_one_of_the_decisions(decision: Decision) 
 def test_what_is_saved_is_read_back(decision: Decision) -> None:
     from xqmap.explanations.reading import parse
 
-    again = parse(json.loads(json.dumps(decision.to_dict())), "memory")
+    again = Decision(**parse(json.loads(json.dumps(decision.to_dict())), "memory"))
     assert again.to_dict() == decision.to_dict()
 
 
@@ -298,7 +298,6 @@ def test_candidates_are_the_argmaxima_of_allowed_cells(count: int, seed: int) ->
             )
         assert pooled.overall == pytest.approx(float(weighted.sum(0)[inside].max()), rel=1e-5)
     plots.qmaps(decision)
-    plots.plt.close("all")
     by_object = Decision.from_policy(Policy(maps, weights), state, scene, task="toy", components=names, level="object")
     assert by_object.selected.pixel == decision.selected.pixel
     for name, candidate in zip(names, by_object.alternatives, strict=True):

@@ -9,7 +9,7 @@ import pytest
 import torch
 from hydra import compose, initialize_config_dir
 
-from xqmap.config import build, cli
+from xqmap.config import build, plugins
 from xqmap.envs.heightmap import PixelGrid, heightmap
 from xqmap.explanations.perception import Perception, Simulator, Vision, agreement
 
@@ -19,7 +19,7 @@ CELL = 0.003125
 
 
 def tabletop_vision() -> Perception:
-    with initialize_config_dir(cli.CONF, version_base=None):
+    with initialize_config_dir(str(plugins.CONF), version_base=None):
         return build.perception(compose("explain", ["explain/perception@perception=grasping_vision"]).perception)
 
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 import pytest
 import torch
-from tensordict import TensorDict
+from tensordict import TensorDict, TensorDictBase
+from tensordict.nn import TensorDictModuleBase
 
 from xqmap.benchmarks.references import plain_unet
 from xqmap.data.symmetry import elements, restore, transform
@@ -13,7 +16,7 @@ from xqmap.models.qmaps import QMaps
 from xqmap.models.unet import LocalGeometry, UNet
 
 
-def qmaps(weights: list[float] | None = None) -> QMaps:
+def qmaps(weights: Mapping[str, float] | Sequence[float] | None = None) -> QMaps:
     torch.manual_seed(0)
     return QMaps(["a", "b"], LocalGeometry(0.25, 1.0, [3, 5], 9, 5.0), lambda c: UNet(c, 4, 2), weights)
 
@@ -53,9 +56,40 @@ def test_the_sum_is_weighted_and_the_values_are_those_at_the_action() -> None:
     assert torch.equal(out["chosen_action_value"][:, 0], out["action_value"][rows, out["action"]])
 
 
+def test_weights_are_taken_by_name_and_others_are_refused() -> None:
+    assert torch.equal(qmaps({"b": 0.5, "a": 2.0}).weights, torch.tensor([2.0, 0.5]))
+    for weights in ({"a": 1.0}, {"a": 1.0, "c": 1.0}, {"a": 1.0, "b": 1.0, "c": 1.0}, [1.0], [1.0, 1.0, 1.0]):
+        with pytest.raises(ValueError, match=r"components.*'a', 'b'"):
+            qmaps(weights)
+
+
+def test_a_policy_reads_what_its_network_reads() -> None:
+    class Wide(TensorDictModuleBase):
+        in_keys, out_keys = ("observation",), ("component_action_value", "action_value")
+
+        def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+            values = tensordict["observation"]
+            return tensordict.update({"component_action_value": values[..., None, :], "action_value": values})
+
+    policy = GreedyPolicy(Wide())
+    assert policy.in_keys == ["observation"]
+    assert policy(TensorDict({"observation": torch.tensor([[0.0, 2.0, 1.0]])}, [1]))["action"].item() == 1
+
+
+@pytest.mark.parametrize("dtype", [torch.float16, torch.float32, torch.float64])
+def test_maps_have_the_precision_of_the_network_whatever_the_heightmap_has(dtype: torch.dtype) -> None:
+    network, image = qmaps(), scene()["heightmap"].to(dtype)
+    expected = network.maps(image.float())
+    assert network.maps(image).dtype == torch.float32
+    assert torch.allclose(network.maps(image), expected, atol=1e-5)
+    assert network.double().maps(image).dtype == torch.float64
+    assert torch.allclose(network.maps(image), expected.double(), atol=1e-5)
+
+
 def test_mask_is_obeyed_unless_it_allows_nothing() -> None:
     values = torch.tensor([[3.0, 2.0, 1.0]])
-    assert masked_argmax(values, torch.tensor([[False, True, True]])).item() == 1
+    for kind in (torch.bool, torch.uint8, torch.float32):
+        assert masked_argmax(values, torch.tensor([[False, True, True]]).to(kind)).item() == 1
     assert masked_argmax(values, torch.zeros(1, 3, dtype=torch.bool)).item() == 0
 
 

@@ -10,13 +10,13 @@ import torch
 from xqmap import keys
 from xqmap.config import build
 from xqmap.models.policy import masked_argmax
-from xqmap.runs import checkpoint
+from xqmap.runs.run import load_run
 
 
 @pytest.mark.sim
 @pytest.mark.parametrize(("task", "scenes"), [("landing", 8), ("grasping", 4)])
 def test_the_choice_in_bf16_loses_next_to_nothing(task: str, scenes: int) -> None:
-    run = checkpoint.load_run(f"pretrained/{task}")
+    run = load_run(f"pretrained/{task}")
     # As the loss uses it: from one side.
     network = run.policy.qmaps.train()
     world = build.make_env(run.cfg, first_scene=5000)()

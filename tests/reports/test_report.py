@@ -22,12 +22,14 @@ from tests.conftest import toy_settings
 from tests.evaluation.test_results import write_run
 from tests.test_commands import call
 from xqmap import explain
-from xqmap.config import build
 from xqmap.evaluation import results
+from xqmap.evaluation.run import evaluate_run
 from xqmap.explanations import Candidate, Decision
 from xqmap.reports import curves, offline
 from xqmap.reports.runs import Run, gather
-from xqmap.runs import checkpoint, commands, locks
+from xqmap.runs import locks
+from xqmap.runs.decide import decide
+from xqmap.runs.run import load_run
 from xqmap.trainers.trainer import Trainer
 
 
@@ -35,36 +37,34 @@ from xqmap.trainers.trainer import Trainer
 def sweep(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """Two tasks, two methods, three seeds, trained in the toy world; one decision of each task explained."""
     root = tmp_path_factory.mktemp("sweep")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(build, "TRUSTED", (*build.TRUSTED, "tests."))
-        for task in ("red", "blue"):
-            for method in ("xqmap", "qlearning"):
-                for seed in range(3):
-                    cfg = toy_settings(
-                        f"method={method}",
-                        f"seed={seed}",
-                        "logger.mode=offline",
-                        "trainer.frames=24",
-                        "evaluation.seeds=[0]",
-                    )
-                    cfg.task.name = task
-                    directory = root / f"{task}-{method}-{seed}"
-                    (directory / ".hydra").mkdir(parents=True)
-                    OmegaConf.save(cfg, directory / ".hydra" / "config.yaml")
-                    trainer = Trainer(cfg, directory)
-                    trainer.run()
-                    trainer.close()
-                    result = commands.evaluate_run(directory, cfg.evaluation, directory / "evaluation.json")
-                    known = dict.fromkeys(("bias", "mae", "rank_correlation", "sign_accuracy"), 0.25)
-                    extra = {
-                        "confusion": {"red patch": {"red patch": 2}},
-                        "calibration": {"exact": {"left": known}, "returns": {}},
-                    }
-                    (directory / "evaluation.json").write_text(json.dumps(result | extra))
-            run = checkpoint.load_run(root / f"{task}-xqmap-0")
-            perception = OmegaConf.create({"_target_": "xqmap.explanations.perception.Simulator"})
-            explain.write(commands.decide(run, 5, 1, perception)[0], run.directory / "figures" / "scene5")
-        yield root
+    for task in ("red", "blue"):
+        for method in ("xqmap", "qlearning"):
+            for seed in range(3):
+                cfg = toy_settings(
+                    f"method={method}",
+                    f"seed={seed}",
+                    "logger.mode=offline",
+                    "trainer.frames=24",
+                    "evaluation.seeds=[0]",
+                )
+                cfg.task.name = task
+                directory = root / f"{task}-{method}-{seed}"
+                (directory / ".hydra").mkdir(parents=True)
+                OmegaConf.save(cfg, directory / ".hydra" / "config.yaml")
+                trainer = Trainer(cfg, directory)
+                trainer.run()
+                trainer.close()
+                result = evaluate_run(directory, cfg.evaluation, directory / "evaluation.json")
+                known = dict.fromkeys(("bias", "mae", "rank_correlation", "sign_accuracy"), 0.25)
+                extra = {
+                    "confusion": {"red patch": {"red patch": 2}},
+                    "calibration": {"exact": {"left": known}, "returns": {}},
+                }
+                (directory / "evaluation.json").write_text(json.dumps(result | extra))
+        run = load_run(root / f"{task}-xqmap-0")
+        perception = OmegaConf.create({"_target_": "xqmap.explanations.perception.Simulator"})
+        explain.write(decide(run, 5, 1, perception)[0], run.directory / "figures" / "scene5")
+    yield root
 
 
 @pytest.mark.sim

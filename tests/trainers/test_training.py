@@ -15,13 +15,14 @@ from torchrl.envs.utils import check_env_specs
 
 from xqmap.config import build
 from xqmap.errors import UserError
-from xqmap.evaluation import play
-from xqmap.runs import checkpoint, commands
+from xqmap.evaluation import baselines, play
+from xqmap.evaluation.run import evaluate_run
+from xqmap.runs import checkpoint
+from xqmap.runs.run import home, load_run
 from xqmap.trainers.trainer import Trainer
 
 pytestmark = [
     pytest.mark.sim,
-    pytest.mark.usefixtures("trust_toy"),
     pytest.mark.filterwarnings("ignore::FutureWarning"),
 ]
 
@@ -49,7 +50,7 @@ def test_every_method_trains_evaluates_and_leaves_what_it_should(
 ) -> None:
     cfg = toy_config(f"method={method}")
     train(cfg, run_directory)
-    result = commands.evaluate_run(run_directory, cfg.evaluation, run_directory / "evaluation.json")
+    result = evaluate_run(run_directory, cfg.evaluation, run_directory / "evaluation.json")
     assert json.loads((run_directory / "evaluation.json").read_text()) == result
     made = {"runs", "success", "confusion", "baselines"}
     assert {
@@ -83,9 +84,9 @@ def test_an_agent_of_the_toy_world_finds_the_best_patch(
         "trainer.frames=240", "trainer.updates_per_frame=1", "trainer.batch_size=16", "exploration.annealing_frames=160"
     )
     train(cfg, run_directory)
-    run = checkpoint.load_run(run_directory)
+    run = load_run(run_directory)
     env = build.make_env(cfg, 0)()
-    played = play.play(play.greedy(run.policy), env, seed=0, choices=20, until=None)
+    played = play.play(baselines.greedy(run.policy), env, seed=0, choices=20, until=None)
     assert played["correct"] >= 18
 
 
@@ -99,7 +100,7 @@ def test_confusion_counts_the_object_chosen_against_the_best(toy_config: Callabl
     play.play(always_green_then_table, env, seed=0, choices=2, until=None, confusion=seen)
     assert seen == {("green patch", "red patch"): 1, ("table", "red patch"): 1}
     seen.clear()
-    play.play(play.oracle, env, seed=0, choices=2, until=None, confusion=seen)
+    play.play(baselines.oracle, env, seed=0, choices=2, until=None, confusion=seen)
     assert seen == {("red patch", "red patch"): 1, ("green patch", "green patch"): 1}
 
 
@@ -116,10 +117,10 @@ def test_a_preference_changes_what_is_learned_and_what_counts_as_best(
     # Green is worth 0.2 + 4 · 0.6, blue 4 · 0.4, red only 1; without the preference red is best.
     cfg.task.weights.right = 4.0
     train(cfg, run_directory)
-    run = checkpoint.load_run(run_directory)
+    run = load_run(run_directory)
     env = build.make_env(cfg, 0)()
     seen: Counter[tuple[str, str]] = Counter()
-    played = play.play(play.greedy(run.policy), env, seed=0, choices=20, until=None, confusion=seen)
+    played = play.play(baselines.greedy(run.policy), env, seed=0, choices=20, until=None, confusion=seen)
     assert played["correct"] >= 18
     assert seen["green patch", "green patch"] >= 9
     assert seen["red patch", "red patch"] == 0
@@ -158,7 +159,7 @@ def test_a_run_that_was_interrupted_ends_like_one_that_was_not(
         part.run()
     resumed = train(cfg, tmp_path / "part", resume=True)
     assert resumed.frames == 48
-    shas = [checkpoint.load_run(tmp_path / name).sha256 for name in ("whole", "part")]
+    shas = [load_run(tmp_path / name).sha256 for name in ("whole", "part")]
     assert shas[0] == shas[1]
     assert rows(tmp_path / "part") == rows(tmp_path / "whole")
     assert [path.name for path in checkpoint.trainings(tmp_path / "part")] == [
@@ -180,7 +181,7 @@ def test_same_seed_same_weights_and_other_seed_others(toy_config: Callable[..., 
     shas = []
     for name, seed in [("a", 0), ("b", 0), ("c", 1)]:
         train(toy_config(f"seed={seed}"), tmp_path / name)
-        shas.append(checkpoint.load_run(tmp_path / name).sha256)
+        shas.append(load_run(tmp_path / name).sha256)
     assert shas[0] == shas[1] != shas[2]
 
 
@@ -188,7 +189,7 @@ def test_damaged_foreign_and_missing_checkpoints_are_refused_by_name(
     toy_config: Callable[..., DictConfig], run_directory: Path
 ) -> None:
     with pytest.raises(UserError, match="there is no"):
-        checkpoint.load_run(run_directory)
+        load_run(run_directory)
     train(toy_config(), run_directory)
     path = run_directory / checkpoint.POLICY
     whole = path.read_bytes()
@@ -199,10 +200,10 @@ def test_damaged_foreign_and_missing_checkpoints_are_refused_by_name(
     }.items():
         path.write_bytes(content)
         with pytest.raises(UserError, match=r"damaged|not written"):
-            checkpoint.load_run(run_directory)
+            load_run(run_directory)
         assert name
     path.write_bytes(whole)
-    checkpoint.load_run(run_directory)
+    load_run(run_directory)
 
 
 def test_a_strangers_settings_cannot_name_code(
@@ -223,8 +224,8 @@ def test_evaluation_and_training_never_share_a_scene() -> None:
 
 def test_runs_end_by_choices_or_by_a_sum(toy_config: Callable[..., DictConfig]) -> None:
     env = build.make_env(toy_config(), 0)()
-    assert play.play(play.oracle, env, 0, 7, None)["choices"] == 7
-    ended = play.play(play.oracle, env, 0, 50, {"left": 3.0})
+    assert play.play(baselines.oracle, env, 0, 7, None)["choices"] == 7
+    ended = play.play(baselines.oracle, env, 0, 50, {"left": 3.0})
     assert ended["choices"] < 10
     assert ended["components"]["left"] * ended["choices"] >= 3.0
 
@@ -245,25 +246,25 @@ def test_an_agent_of_before_a_training_setting_was_there_still_plays(
     tensors, facts = checkpoint.read(run_directory / checkpoint.POLICY)
     del facts["config"]["replay"]["capacity"]
     checkpoint.write(run_directory / checkpoint.POLICY, tensors, facts)
-    assert checkpoint.load_run(run_directory).policy.qmaps.components == ("left", "right")
+    assert load_run(run_directory).policy.qmaps.components == ("left", "right")
     del facts["config"]["qnet"]["width"]
     checkpoint.write(run_directory / checkpoint.POLICY, tensors, facts)
     with pytest.raises(UserError, match=r"qnet\.width"):
-        checkpoint.load_run(run_directory)
+        load_run(run_directory)
 
 
 def test_an_agent_that_ships_is_found_by_name_and_nothing_is_written_beside_it(
     toy_config: Callable[..., DictConfig], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(checkpoint, "PRETRAINED", tmp_path / "package" / "pretrained")
+    monkeypatch.setattr("xqmap.runs.run.PRETRAINED", tmp_path / "package" / "pretrained")
     train(toy_config(), tmp_path / "run")
-    place = checkpoint.PRETRAINED / "toy" / checkpoint.POLICY
+    place = tmp_path / "package" / "pretrained" / "toy" / checkpoint.POLICY
     place.parent.mkdir(parents=True)
     place.write_bytes((tmp_path / "run" / checkpoint.POLICY).read_bytes())
     monkeypatch.chdir(tmp_path)
-    run = checkpoint.load_run("pretrained/toy")
-    assert run.sha256 == checkpoint.load_run(tmp_path / "run").sha256
-    assert run.directory == checkpoint.home("pretrained/toy") == Path()
-    assert checkpoint.home("run") == Path("run")
+    run = load_run("pretrained/toy")
+    assert run.sha256 == load_run(tmp_path / "run").sha256
+    assert run.directory == home("pretrained/toy") == Path()
+    assert home("run") == Path("run")
     with pytest.raises(UserError, match="toy do, make pretrained"):
-        checkpoint.load_run("pretrained/flying")
+        load_run("pretrained/flying")

@@ -26,6 +26,7 @@ from xqmap.config import build
 from xqmap.envs.heightmap import PixelGrid, heightmap
 from xqmap.envs.maniskill import ManiSkillEnv
 from xqmap.evaluation import play
+from xqmap.evaluation.baselines import random_pixel
 from xqmap.explanations.perception import Simulator, agreement
 from xqmap.models.policy import GreedyPolicy
 from xqmap.models.qmaps import QMaps
@@ -249,7 +250,7 @@ def deciding(world: ManiSkillEnv, decisions: int) -> Iterator[TensorDictBase]:
     for _ in tqdm(range(decisions), unit="decision", desc="deciding"):
         if done:
             state = world.reset()
-        state[keys.ACTION] = torch.tensor(play.random_pixel(state, world, generator))
+        state[keys.ACTION] = torch.tensor(random_pixel(state, world, generator))
         step = world.step(state)
         yield step
         done, state = bool(step["next", keys.DONE]), step_mdp(step)

@@ -4,8 +4,7 @@ sizes.
 
 from __future__ import annotations
 
-import importlib
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from functools import partial
 from typing import Any
 
@@ -14,6 +13,7 @@ from hydra.errors import InstantiationException
 from hydra.utils import instantiate
 from omegaconf import DictConfig, OmegaConf
 
+from xqmap.config import plugins, schema
 from xqmap.data.replay import Replay
 from xqmap.data.samplers import PrioritySampler
 from xqmap.envs.maniskill import ManiSkillEnv
@@ -24,9 +24,6 @@ from xqmap.models.policy import EpsilonGreedy
 from xqmap.models.qmaps import QMaps
 from xqmap.models.unet import LocalGeometry, UNet
 from xqmap.objectives import DecomposedDQNLoss
-
-# A run directory of a stranger can name any callable: only these packages are ever called.
-TRUSTED = ("tasks.", "xqmap.")
 
 
 def device(cfg: DictConfig) -> torch.device:
@@ -51,23 +48,29 @@ def task(cfg: DictConfig) -> Any:
     """The world of ``cfg.task.env`` with the task's weights.
 
     Raises:
-        UserError: if its ``_target_`` is not a world of our own packages, or refuses a setting.
+        UserError: if its ``_target_`` is not the world of an installed package, or refuses a setting.
     """
-    return _trusted(cfg.task.env, "task.env", "REWARD_COMPONENTS", weights=dict(cfg.task.weights))
+    return _installed(cfg.task.env, "task.env", plugins.worlds().values(), weights=dict(cfg.task.weights))
 
 
 def perception(settings: DictConfig) -> Perception:
     """What names the objects of a scene; see ``conf/explain/perception``.
 
     Raises:
-        UserError: if its ``_target_`` is not a perception of our own packages, or refuses a setting.
+        UserError: if its ``_target_`` is not a perception of an installed package, or refuses a setting.
     """
-    return _trusted(settings, "perception", "__call__")
+    return _installed(settings, "perception", plugins.perceptions())
 
 
 def make_env(cfg: DictConfig, first_scene: int) -> Callable[[], ManiSkillEnv]:
-    """A function that builds the environment where it is called: in this process or in a worker."""
-    return partial(ManiSkillEnv, partial(task, cfg), first_scene=first_scene, limit=cfg.trainer.decision_limit)
+    """A function that builds the environment where it is called: in this process or in a worker.
+
+    It raises UserError where ``task.components`` are not the world's ``REWARD_COMPONENTS`` in their order.
+    """
+    names = [str(name) for name in cfg.task.components]
+    weights = dict(zip(names, schema.weights_in_order(cfg.task.weights, names), strict=True))
+    limit = cfg.trainer.decision_limit
+    return partial(ManiSkillEnv, partial(task, cfg), first_scene=first_scene, limit=limit, weights=weights)
 
 
 def qmaps(cfg: DictConfig, pixel_size: float) -> QMaps:
@@ -120,39 +123,40 @@ def loss(cfg: DictConfig, network: QMaps) -> DecomposedDQNLoss:
 
 
 def language_model(settings: DictConfig) -> LanguageModel | None:
-    """What answers beside the templates: None for ``llm=template``."""
+    """What answers beside the templates: None for ``llm=template``.
+
+    Raises:
+        UserError: naming the setting that is unknown, or that no server can be asked with.
+    """
+    settings = schema.language_model(settings)
     if settings.name == "template":
         return None
     return OpenAICompatible(**{str(name): value for name, value in settings.items() if name != "name"})
 
 
-def _trusted(settings: Any, where: str, offers: str, **extra: Any) -> Any:
-    """Builds the one class that ``settings`` name: of a trusted package, defined where it is named, with the attribute
-    ``offers``.
+def _installed(settings: Any, where: str, known: Collection[str], **extra: Any) -> Any:
+    """Builds the one class that ``settings`` name. A stranger's run directory can name any callable: only what the
+    settings of installed packages name is ever called.
     """
-    content = OmegaConf.to_container(settings, resolve=True) if OmegaConf.is_config(settings) else settings
-    if not isinstance(content, dict) or not isinstance(content.get("_target_"), str):
-        raise UserError(f"{where} names no _target_: give a class of {' or '.join(name + '*' for name in TRUSTED)}")
-    target = content["_target_"]
-    inner = [name for name, value in content.items() for name in _targets(value)]
-    for name in (target, *inner):
-        if not name.startswith(TRUSTED):
-            raise UserError(f"{where} names {name!r}: only {' and '.join(name + '*' for name in TRUSTED)} are run")
-    if inner:
+    content: Any = OmegaConf.to_container(settings, resolve=True) if OmegaConf.is_config(settings) else settings
+    target = content.get("_target_") if isinstance(content, dict) else None
+    if not isinstance(target, str) or target not in known:
+        raise UserError(
+            f"{where} names {target!r}, which no installed package offers: install the one that does (known are "
+            f"{', '.join(sorted(known))})"
+        )
+    if inner := [name for value in content.values() for name in _targets(value)]:
         raise UserError(f"{where} names {inner[0]!r} inside its settings: only its own _target_ is run")
-    module, _, name = target.rpartition(".")
-    try:
-        found = getattr(importlib.import_module(module), name, None)
-    except ImportError as error:
-        raise UserError(f"{where} names {target!r}: {error}") from None
-    # Not whatever a module happens to import: 'xqmap.config.cli.shutil.rmtree' begins with a trusted name, too.
-    if not isinstance(found, type) or found.__module__ != module or not hasattr(found, offers):
-        raise UserError(f"{where} names {target!r}, which is not a class of that module with {offers}")
+    if words := [name for name in content if str(name).startswith("_") and name != "_target_"]:
+        raise UserError(f"{where}.{words[0]} is no setting: take it away")
+    plugins.load(target)
     try:
         return instantiate(content, **extra, _convert_="all", _recursive_=False)
     except InstantiationException as error:
-        if isinstance(error.__cause__, ValueError | TypeError | OverflowError):
-            raise UserError(f"{where}: {error.__cause__}") from None
+        cause = error.__cause__
+        if isinstance(cause, ValueError | TypeError | OverflowError):
+            # An error that says which setting it is about (``setting``) begins with that setting's name.
+            raise UserError(f"{where}{'.' if hasattr(cause, 'setting') else ': '}{cause}") from None
         raise
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import logging
 import os
 import signal
@@ -19,15 +20,11 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-import conf
-from xqmap.config import schema
+from xqmap.config import arguments, plugins, schema
 from xqmap.errors import Stopped, UserError
 
 # Hydra's own short message would be followed by advice to set this; we print one line ourselves.
 os.environ.setdefault("HYDRA_FULL_ERROR", "1")
-# Settings of the commands that name a file or directory.
-PLACES = ("run", "runs", "decision", "out", "figures", "log", "questions", "resume")
-CONF = str(Path(conf.__path__[0]).resolve())
 
 
 def main(config_name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[], None]]:
@@ -62,7 +59,8 @@ def main(config_name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[
 
             signal.signal(signal.SIGTERM, _terminate)
             try:
-                hydra.main(version_base=None, config_path=CONF, config_name=config_name)(guarded)()
+                sys.argv = [sys.argv[0], *arguments.literal(sys.argv[1:])]
+                hydra.main(version_base=None, config_path=str(plugins.CONF), config_name=config_name)(guarded)()
                 for error in failed:
                     raise error
             except Stopped as error:
@@ -88,6 +86,8 @@ def told(error: Exception) -> str:
         return str(error)
     if isinstance(error, HydraException | OmegaConfBaseException):
         return mistake(error)
+    if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
+        return f"{arguments.too_long(str(error.filename))} (of a sweep's jobs: hydra.sweep.subdir='${{hydra.job.num}}')"
     if isinstance(error, OSError):
         place = f"{error.strerror or error}: {error.filename or 'a file of this run'}"
         return f"{place} (another directory: hydra.run.dir=DIR or out=PLACE)"
@@ -103,7 +103,7 @@ def _terminate(number: int, frame: FrameType | None) -> None:
 
 def _read_places(cfg: DictConfig) -> None:
     """Makes a text of every file or directory that was given: one named 7 would be a number."""
-    for name in PLACES:
+    for name in arguments.PLACES:
         value = cfg.get(name) if name in cfg and not OmegaConf.is_missing(cfg, name) else None
         if OmegaConf.is_config(value) or (isinstance(value, str) and "\0" in value):
             raise UserError(f"{name}={value} must be one file or directory")

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -13,6 +14,7 @@ from hydra.core.config_store import ConfigStore
 from omegaconf import MISSING, DictConfig, ListConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from xqmap.config import plugins
 from xqmap.errors import UserError
 
 
@@ -119,6 +121,19 @@ class Logger:
 
 
 @dataclass
+class LanguageModel:
+    name: str = _one_of("openai", "template")
+    base_url: str | None = MISSING
+    model: str | None = MISSING
+    temperature: float | None = _bounded(0, 2)
+    timeout: float = _bounded(0, 86_400, above=True)
+    longest: float = _bounded(0, 86_400, above=True)
+    retries: int = _bounded(0, 100)
+    max_tokens: int | None = _bounded(1, 10**6)
+    max_completion_tokens: int | None = _bounded(1, 10**6)
+
+
+@dataclass
 class Schema:
     """The whole configuration of a training."""
 
@@ -140,10 +155,19 @@ class Schema:
 
 
 def register() -> None:
-    """Makes the schema and the ``range`` resolver known to Hydra."""
+    """Makes the schema, and what installed packages offer, known to Hydra."""
+    plugins.register()
     ConfigStore.instance().store(name="schema", node=Schema)
-    if not OmegaConf.has_resolver("range"):
-        OmegaConf.register_new_resolver("range", lambda start, stop: list(range(start, stop)))
+
+
+def weights_in_order(weights: Mapping[str, float], components: Sequence[str]) -> list[float]:
+    """w_k in the order of the components, whatever the order they were written in; one that is not named weighs 1."""
+    return [weights.get(name, 1.0) for name in components]
+
+
+# What ``conf`` reckons with; at import, because settings travel to worker processes as they are.
+OmegaConf.register_new_resolver("range", lambda start, stop: list(range(start, stop)), replace=True)
+OmegaConf.register_new_resolver("in_order", weights_in_order, replace=True)
 
 
 def typed(cfg: DictConfig | ListConfig) -> DictConfig:
@@ -160,6 +184,22 @@ def typed(cfg: DictConfig | ListConfig) -> DictConfig:
             f"these settings{place} do not fit this version of xqmap: {str(error).splitlines()[0]}"
         ) from None
     assert isinstance(merged, DictConfig)
+    return merged
+
+
+def language_model(settings: DictConfig) -> DictConfig:
+    """The settings of ``conf/llm`` with types.
+
+    Raises:
+        UserError: naming the first setting that is unknown, or whose type or range is not the schema's.
+    """
+    try:
+        merged = OmegaConf.merge(OmegaConf.structured(LanguageModel), settings)
+    except OmegaConfBaseException as error:
+        raise UserError(f"llm.{getattr(error, 'full_key', '')}: {str(error).splitlines()[0]}") from None
+    assert isinstance(merged, DictConfig)
+    if merged.name != "template":
+        _check(LanguageModel, merged, "llm.")
     return merged
 
 
@@ -185,6 +225,9 @@ def validate(cfg: DictConfig, playing: bool = False) -> None:
         components = list(OmegaConf.select(cfg, name))
         if not components or len(set(components)) < len(components):
             raise UserError(f"{name}={components} must name at least one component, and none twice")
+    for name in ("task.name", "method.name"):
+        if not plugins.is_name(str(OmegaConf.select(cfg, name))):
+            raise UserError(f"{name}={OmegaConf.select(cfg, name)!r} is no name: letters, digits, _, - and . make one")
     unknown = set(cfg.task.weights) - set(cfg.task.components)
     if unknown:
         raise UserError(f"task.weights names {sorted(unknown)}; the task's components are {list(cfg.task.components)}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,10 @@ from xqmap import keys
 from xqmap.envs.guard import guarded
 from xqmap.envs.heightmap import PixelGrid, heightmap, metres
 from xqmap.envs.protocol import Task
-from xqmap.errors import WorldError
+from xqmap.errors import UserError, WorldError
+
+# How far R may be from Σ w_k r_k: what single precision rounds, and no more.
+_SAME_SUM = 1e-4
 
 
 class ManiSkillEnv(EnvBase):
@@ -29,6 +32,11 @@ class ManiSkillEnv(EnvBase):
             exists.
         first_scene: seed of the first scene; each reset that is not told otherwise takes the next one.
         limit: seconds a decision or reset may take; None for no limit.
+        weights: w_k by component name, in the order that the world is to have: it is held to both, and to R = Σ w_k r_k
+            at every step. None holds it to neither.
+
+    Raises:
+        UserError: if the world has other components, or the same in another order.
 
     Attributes:
         task: the world.
@@ -38,10 +46,23 @@ class ManiSkillEnv(EnvBase):
         seconds: wall-clock spent so far, by activity (``simulate``, ``render``, ``fuse``).
     """
 
-    def __init__(self, make_task: Callable[[], Task], first_scene: int = 0, limit: float | None = None) -> None:
+    def __init__(
+        self,
+        make_task: Callable[[], Task],
+        first_scene: int = 0,
+        limit: float | None = None,
+        weights: Mapping[str, float] | None = None,
+    ) -> None:
         super().__init__(device=torch.device("cpu"), batch_size=torch.Size([]))
         self.task = make_task()
         self.components = tuple(self.task.REWARD_COMPONENTS)
+        self._weights = None if weights is None else torch.tensor(list(weights.values()), dtype=torch.float64)
+        if weights is not None and tuple(weights) != self.components:
+            self.close()
+            raise UserError(
+                f"task.components={list(weights)}, but the world's REWARD_COMPONENTS are {list(self.components)}: give "
+                "the same names in the same order"
+            )
         self.metric_names = tuple(self.task.METRICS)
         self.next_scene = first_scene
         self.scene_seed = first_scene
@@ -141,6 +162,17 @@ class ManiSkillEnv(EnvBase):
         )
         if not bool(rewards.isfinite().all()):
             raise WorldError("a reward is NaN or infinite: the world is broken")
+        total, parts = rewards[0].double(), rewards[1:].double()
+        if len(parts) != len(self.components):
+            raise WorldError(
+                f"info['reward_components'] holds {len(parts)} numbers for the {len(self.components)} components "
+                f"{', '.join(self.components)}: the world is broken"
+            )
+        if self._weights is not None and not torch.isclose(total, self._weights @ parts, rtol=1e-4, atol=_SAME_SUM):
+            raise WorldError(
+                f"the reward {float(total):g} is not the sum of the weighted components, "
+                f"{float(self._weights @ parts):g}: the world is broken, R = Σ w_k r_k must hold at every step"
+            )
         return TensorDict(
             {
                 **self._observe(observation, over=any(flags.values())),

@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 import torch
 from scipy.stats import spearmanr
+from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModuleBase
-from torchrl.envs.utils import step_mdp
 from tqdm import tqdm
 
 from xqmap import keys
+from xqmap.envs.episode import episode
 from xqmap.envs.maniskill import ManiSkillEnv
 from xqmap.envs.protocol import Solvable
 from xqmap.explanations.perception import Simulator
@@ -90,8 +91,9 @@ def calibrate(
     ours, exact, chosen, returns = [], [], [], []
     for seed in tqdm(seeds, unit="episode", desc="calibrating", mininterval=1.0):
         env.next_scene = seed
-        state, done, made, paid = env.reset(), False, [], []
-        while not done:
+        made: list[np.ndarray] = []
+
+        def choose(state: TensorDictBase, made: list[np.ndarray] = made) -> int:
             with torch.no_grad():
                 out = policy(state.select(keys.HEIGHTMAP, keys.ACTION_MASK).clone())
             truth = env.task.exact_values(gamma) if isinstance(env.task, Solvable) else None
@@ -100,10 +102,9 @@ def calibrate(
                 ours.append(values)
                 exact.append((np.asarray(truth, dtype=float) @ summed)[there])
             made.append(out[keys.CHOSEN_COMPONENT_VALUE].double().cpu().numpy())
-            state[keys.ACTION] = out[keys.ACTION]
-            state = env.step(state)
-            paid.append(state["next", reward_key].double().numpy())
-            done, state = bool(state["next", keys.DONE]), step_mdp(state)
+            return int(out[keys.ACTION])
+
+        paid = [decision["next", reward_key].double().numpy() for decision in episode(env, choose)]
         to_go = np.zeros(len(names))
         for value, reward in zip(reversed(made), reversed(paid), strict=True):
             to_go = reward + gamma * to_go

@@ -1,11 +1,17 @@
-"""What an ``evaluation.json``, which may be a stranger's, has to hold before anyone counts with it."""
+"""The file of an evaluation: its place, and what one that may be a stranger's has to hold to be counted with."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 # Of numbers in an evaluation.
 _LARGEST = 1e12
+
+
+def evaluation_file(directory: Path, sheet: str | None = None) -> Path:
+    """Where the evaluation of a run is written: ``evaluation.json``, of a sheet ``evaluation-<sheet>.json``."""
+    return directory / (f"evaluation-{sheet}.json" if sheet else "evaluation.json")
 
 
 def wrong(content: Any) -> str:

@@ -1,9 +1,10 @@
-"""Plays a policy, and the baselines it is held against, on scenes nobody trained on."""
+"""Plays a policy on scenes nobody trained on, and counts."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -11,13 +12,13 @@ import torch
 from matplotlib.path import Path as Outline
 from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModuleBase
-from torchrl.envs.utils import step_mdp
 from tqdm import tqdm
 
 from xqmap import keys
+from xqmap.envs.episode import episode
 from xqmap.envs.maniskill import ManiSkillEnv
+from xqmap.evaluation.baselines import BASELINES, Chooser, greedy
 from xqmap.evaluation.statistics import success
-from xqmap.models.policy import random_action
 
 # Scenes of one run are this far apart, so that seeds 0 … 9999 never share one; training starts at TRAINING_SCENES.
 SCENES_APART = 10_000
@@ -26,55 +27,10 @@ SCENES_PER_TRAINING = 1_000_000
 # Two rewards that differ by less are the same.
 SAME_REWARD = 1e-4
 
-Chooser = Callable[[TensorDictBase, ManiSkillEnv, torch.Generator], int]
-
 
 def training_scenes(seed: int) -> int:
     """The first scene of a training with this seed: no evaluation scene, and none of another training's."""
     return TRAINING_SCENES + seed * SCENES_PER_TRAINING
-
-
-def greedy(policy: TensorDictModuleBase) -> Chooser:
-    """The policy's own choice."""
-
-    def choose(state: TensorDictBase, env: ManiSkillEnv, generator: torch.Generator) -> int:
-        with torch.no_grad():
-            return int(policy(state.select(keys.HEIGHTMAP, keys.ACTION_MASK))[keys.ACTION])
-
-    return choose
-
-
-def random_pixel(state: TensorDictBase, env: ManiSkillEnv, generator: torch.Generator) -> int:
-    """Any allowed cell."""
-    return int(random_action(state[keys.HEIGHTMAP][3].flatten(), state[keys.ACTION_MASK], None, generator))
-
-
-def random_object(state: TensorDictBase, env: ManiSkillEnv, generator: torch.Generator) -> int:
-    """The middle of a random object, as the world knows it; any cell where there is no object."""
-    (x0, x1), (y0, y1), _ = env.grid.bounds
-    centres = [np.asarray(thing.footprint).mean(0) for thing in env.task.scene_objects()]
-    inside = [centre for centre in centres if x0 <= centre[0] < x1 and y0 <= centre[1] < y1]
-    if not inside:
-        return random_pixel(state, env, generator)
-    return env.action_at(inside[int(torch.randint(len(inside), (), generator=generator))])
-
-
-def highest_cell(state: TensorDictBase, env: ManiSkillEnv, generator: torch.Generator) -> int:
-    """The highest allowed cell."""
-    return int(state[keys.HEIGHTMAP][3].flatten().masked_fill(~state[keys.ACTION_MASK], -torch.inf).argmax())
-
-
-def oracle(state: TensorDictBase, env: ManiSkillEnv, generator: torch.Generator) -> int:
-    """The cell of the world's own best point."""
-    return env.action_at(env.task.oracle_point())
-
-
-BASELINES: dict[str, Chooser] = {
-    "random pixel": random_pixel,
-    "random object": random_object,
-    "highest cell": highest_cell,
-    "oracle": oracle,
-}
 
 
 def object_at(point: Any, things: Iterable[Any], background: str) -> str:
@@ -113,14 +69,18 @@ def play(
     until = until or {}
     sums = torch.zeros(len(env.components))
     correct, regret, made, scene = 0, 0.0, 0, seed
+    names: tuple[str, str] | None = None
+
+    def looked_at(state: TensorDictBase) -> int:
+        nonlocal names
+        action = choose(state, env, generator)
+        names = _chosen_and_best(env, action) if confusion is not None else None
+        return action
+
     while made < choices:
         env.next_scene, scene = scene, scene + SCENES_APART
-        state, done = env.reset(), False
-        while not done and made < choices:
-            state[keys.ACTION] = torch.tensor(choose(state, env, generator))
-            names = _chosen_and_best(env, state[keys.ACTION]) if confusion is not None else None
-            state = env.step(state)
-            result = state["next"]
+        for decision in islice(episode(env, looked_at), choices - made):
+            result = decision["next"]
             gap = float(result[keys.REWARD_AVAILABLE] - result[keys.REWARD])
             correct, regret, made = correct + (gap < SAME_REWARD), regret + gap, made + 1
             if confusion is not None and names is not None:
@@ -128,7 +88,7 @@ def play(
             sums += result[keys.REWARD_COMPONENTS]
             if any(float(sums[env.components.index(name)]) >= total - SAME_REWARD for name, total in until.items()):
                 choices = made
-            done, state = bool(result[keys.DONE]), step_mdp(state)
+                break
     components = {name: float(total) / max(1, made) for name, total in zip(env.components, sums, strict=True)}
     return {
         "seed": seed,
@@ -139,7 +99,7 @@ def play(
     }
 
 
-def _chosen_and_best(env: ManiSkillEnv, action: torch.Tensor) -> tuple[str, str]:
+def _chosen_and_best(env: ManiSkillEnv, action: int) -> tuple[str, str]:
     things, background = env.task.scene_objects(), env.task.BACKGROUND
     chosen, best = (object_at(point, things, background) for point in (env.point(action), env.task.oracle_point()))
     return chosen, best

@@ -8,16 +8,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
-from omegaconf import OmegaConf
-from omegaconf.errors import OmegaConfBaseException
-from yaml import YAMLError
-
-import conf
+from xqmap.config import plain, plugins
 from xqmap.errors import UserError
 from xqmap.evaluation import file, statistics
+from xqmap.files import read_bytes
 
 # Settings that say where and how often a method ran, not what it is: they never split a group of runs.
 NOT_SWEPT = ("seed", "device", "threads", "resume", "logger")
+# Bytes of an evaluation; one of a thousand seeds has a few hundred thousand.
+_LARGEST_FILE = 20_000_000
 
 T = TypeVar("T")
 
@@ -105,7 +104,8 @@ class Row:
 
 def paper_figures() -> dict[str, dict[str, str]]:
     """What the paper prints, ``{task: {method: text}}`` (``conf/report/paper.yaml``)."""
-    return OmegaConf.to_container(OmegaConf.load(Path(conf.__path__[0]) / "report" / "paper.yaml"))  # type: ignore[return-value]
+    found = [folder / "report" / "paper.yaml" for folder in plugins.folders()]
+    return {task: texts for path in reversed(found) if path.is_file() for task, texts in plain.read(path).items()}
 
 
 def collect(root: str | Path) -> tuple[list[Result], dict[Path, str]]:
@@ -124,9 +124,11 @@ def collect(root: str | Path) -> tuple[list[Result], dict[Path, str]]:
     unread: dict[Path, str] = {}
     for path in sorted(Path(root).rglob("evaluation*.json")):
         try:
-            content = json.loads(path.read_text(encoding="utf-8"))
+            content = json.loads(read_bytes(path, _LARGEST_FILE, inside=path.parent))
             why = file.wrong(content)
-        except (OSError, ValueError, RecursionError) as error:
+        except UserError as error:
+            why = str(error).removeprefix(f"{path}: ")
+        except (ValueError, RecursionError) as error:
             why = f"not JSON ({str(error)[:80]})"
         if why:
             unread[path] = why
@@ -148,8 +150,8 @@ def stored(run: Path, name: str) -> Any:
     """What Hydra left in a run's ``.hydra/NAME.yaml``, as plain values; None where that cannot be read."""
     try:
         # Unresolved: what a file leaves to a resolver is the same text in every run.
-        return OmegaConf.to_container(OmegaConf.load(run / ".hydra" / f"{name}.yaml"))
-    except (OSError, ValueError, RecursionError, YAMLError, OmegaConfBaseException):
+        return plain.read(run / ".hydra" / f"{name}.yaml", inside=run)
+    except UserError:
         return None
 
 

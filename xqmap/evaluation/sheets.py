@@ -4,23 +4,20 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
-import conf
-from xqmap.config import schema
+from xqmap.config import plugins, schema
 from xqmap.errors import UserError
-from xqmap.runs.checkpoint import Run
+from xqmap.runs.run import Run
 
-FOLDER = Path(conf.__path__[0]) / "sheet"
 ALL = "all"
 
 
 def names(task: str) -> list[str]:
     """The sheets there are for a task."""
-    return sorted(path.stem for path in (FOLDER / task).glob("*.yaml"))
+    return plugins.stems("sheet", task)
 
 
 def chosen(task: str, wanted: Sequence[str]) -> list[str]:
@@ -37,7 +34,9 @@ def chosen(task: str, wanted: Sequence[str]) -> list[str]:
 
 def load(task: str, name: str) -> DictConfig:
     """What a sheet changes: ``task.env`` and ``evaluation`` settings."""
-    sheet = OmegaConf.load(FOLDER / task / f"{name}.yaml")
+    path = plugins.find("sheet", task, f"{name}.yaml")
+    assert path is not None, (task, name)
+    sheet = OmegaConf.load(path)
     assert isinstance(sheet, DictConfig)
     return sheet
 

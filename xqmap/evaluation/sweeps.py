@@ -12,7 +12,10 @@ from torch import Tensor
 
 from xqmap.errors import UserError
 from xqmap.evaluation import results, tables
-from xqmap.runs import checkpoint, commands
+from xqmap.evaluation.run import settings_of
+from xqmap.files import write_atomically
+from xqmap.runs import checkpoint
+from xqmap.runs.run import Run, stored_settings
 
 # Settings that no trained weight depends on.
 _BESIDE = ("evaluation", "sheets", "device", "threads", "resume", "logger")
@@ -34,7 +37,7 @@ class Table(Callback):
             "table.csv": tables.comma_separated(rows),
         }
         for name, content in written.items():
-            checkpoint.write_atomically(directory / name, content.encode())
+            write_atomically(directory / name, content.encode())
         print(tables.text(rows))
         for path, why in unread.items():
             print(f"not in the table: {path} ({why})")
@@ -51,7 +54,7 @@ def saved(directory: Path, cfg: DictConfig) -> tuple[dict[str, Tensor], dict[str
         return None
     found = checkpoint.read_training(directory)
     before, now = (
-        results.flat(OmegaConf.to_container(c, resolve=True)) for c in (checkpoint.settings(found[1], directory), cfg)
+        results.flat(OmegaConf.to_container(c, resolve=True)) for c in (stored_settings(found[1], directory), cfg)
     )
     names = [name for name in results.differing([before, now]) if name.split(".")[0] not in _BESIDE]
     if names:
@@ -63,13 +66,13 @@ def saved(directory: Path, cfg: DictConfig) -> tuple[dict[str, Tensor], dict[str
     return found
 
 
-def evaluated(path: Path, run: checkpoint.Run) -> dict[str, Any] | None:
+def evaluated(path: Path, run: Run) -> dict[str, Any] | None:
     """The evaluation in ``path``, if it is complete and of these weights under these settings."""
     content = _of_these_scenes(path, run)
     return content if content and content["weights_sha256"] == run.sha256 else None
 
 
-def baselines(sweep: Path, run: checkpoint.Run) -> tuple[str, dict[str, Any]] | None:
+def baselines(sweep: Path, run: Run) -> tuple[str, dict[str, Any]] | None:
     """What another job of the sweep found for the baselines in the same scenes, and in which file; None where none has
     played them.
 
@@ -82,12 +85,11 @@ def baselines(sweep: Path, run: checkpoint.Run) -> tuple[str, dict[str, Any]] | 
     return None
 
 
-def _of_these_scenes(path: Path, run: checkpoint.Run) -> dict[str, Any] | None:
+def _of_these_scenes(path: Path, run: Run) -> dict[str, Any] | None:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
-        same = content["task"] == run.cfg.task.name and content["settings"] == commands.settings_of(
-            run.cfg, run.cfg.evaluation
-        )
+        content["settings"]["env"].pop("_target_", None)
+        same = content["task"] == run.cfg.task.name and content["settings"] == settings_of(run.cfg, run.cfg.evaluation)
         return content if same and {"weights_sha256", "baselines", "versions"} <= content.keys() else None
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None

@@ -1,5 +1,6 @@
 """From one decision to maps, bars, sentences and pages."""
 
-from xqmap.explanations.decision import Candidate, Decision
+from xqmap.explanations.candidate import Candidate
+from xqmap.explanations.decision import Decision
 
 __all__ = ["Candidate", "Decision"]

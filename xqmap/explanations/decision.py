@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import string
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,43 +11,18 @@ from typing import Any
 
 import numpy as np
 import torch
+from scipy import ndimage
 from tensordict import TensorDictBase
 
 from xqmap import keys
 from xqmap.errors import UserError
-from xqmap.explanations import contrast
+from xqmap.explanations import contrast, files
+from xqmap.explanations.candidate import SELECTED, Candidate, label, together
 from xqmap.explanations.perception import Scene
+from xqmap.explanations.views import sentences
 
-SELECTED = "Selected"
 # Cells around an object that speak for it as much as for the background, whose best cell is looked for farther away.
 _EDGE = 2
-
-
-@dataclass
-class Candidate:
-    """An action that is looked at: the selected one, the best for one component alone, or the best on an object of the
-    scene.
-
-    Attributes:
-        label: ``"Selected"``, ``"A"``, ``"B"``, …; an object that is no candidate goes by its name.
-        object: what lies there, in words.
-        values: w_k Q_k(s, a) by component name, in component order.
-        pixel: row and column in the heightmap.
-        position: x, y, z in world metres.
-        object_index: which object of the scene it lies on; None for the background or where unknown.
-    """
-
-    label: str
-    object: str
-    values: dict[str, float]
-    pixel: tuple[int, int] | None = None
-    position: tuple[float, float, float] | None = None
-    object_index: int | None = None
-
-    @property
-    def overall(self) -> float:
-        """Q(s, a) = Σ_k w_k Q_k(s, a)."""
-        return sum(self.values.values())
 
 
 @dataclass
@@ -169,8 +143,6 @@ class Decision:
 
     def _pool(self, scene: Scene) -> list[Candidate]:
         assert self.maps is not None
-        from scipy import ndimage
-
         total = self.maps.sum(0)
         pooled = []
         edge = ndimage.binary_dilation(scene.cells >= 0, iterations=_EDGE) & (scene.cells < 0)
@@ -277,22 +249,16 @@ class Decision:
 
     def sentences(self, wording: Any = None) -> dict[str, Any]:
         """The decision in words; see :mod:`xqmap.explanations.views.sentences`."""
-        from xqmap.explanations.views import sentences
-
         return sentences.write(self, wording)
 
     def to_dict(self, wording: Any = None) -> dict[str, Any]:
         """The content of ``decision.json``."""
-        from xqmap.explanations import files
-
         return files.content(self, wording)
 
     def save(self, path: str | Path, wording: Any = None) -> list[Path]:
         """Writes ``decision.json`` and, beside it, the maps as ``decision.npz`` where there are any; returns the
         paths.
         """
-        from xqmap.explanations import files
-
         return files.save(self, Path(path), wording)
 
     @classmethod
@@ -302,19 +268,4 @@ class Decision:
         Raises:
             UserError: naming the file and the place that is wrong.
         """
-        from xqmap.explanations import files
-
-        return files.load(Path(path))
-
-
-def together(first: Candidate, second: Candidate) -> bool:
-    """Whether two actions go to the same object, or to the same pixel where there is none."""
-    if first.object_index is not None or second.object_index is not None:
-        return first.object_index == second.object_index
-    return first.pixel is not None and first.pixel == second.pixel
-
-
-def label(k: int) -> str:
-    """The label of the k-th component's candidate: A, B, …, Z, AA, …"""
-    letters = string.ascii_uppercase
-    return letters[k] if k < len(letters) else label(k // len(letters) - 1) + letters[k % len(letters)]
+        return cls(**files.load(Path(path)))

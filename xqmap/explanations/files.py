@@ -8,16 +8,19 @@ import io
 import json
 import zipfile
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from xqmap.errors import UserError
 from xqmap.explanations import contrast
-from xqmap.explanations.decision import Candidate, Decision
+from xqmap.explanations.candidate import Candidate
 from xqmap.explanations.perception import Scene
 from xqmap.explanations.reading import parse
-from xqmap.runs.checkpoint import write_atomically
+from xqmap.files import write_atomically
+
+if TYPE_CHECKING:
+    from xqmap.explanations.decision import Decision
 
 # Larger files are not ours; bytes, before and after decompression.
 _LARGEST_FILE = 50_000_000
@@ -73,8 +76,12 @@ def save(decision: Decision, path: Path, wording: Any = None) -> list[Path]:
     return [path, beside]
 
 
-def load(path: Path) -> Decision:
-    """Reads what :func:`save` wrote, or any decision file; see :meth:`Decision.load`."""
+def load(path: Path) -> dict[str, Any]:
+    """The fields of the decision that a file holds: what :func:`save` wrote, or any decision file.
+
+    Raises:
+        UserError: naming the file and the place that is wrong.
+    """
     try:
         if path.stat().st_size > _LARGEST_FILE:
             raise UserError(f"{path}: larger than {_LARGEST_FILE // 1_000_000} MB, which no decision is")
@@ -85,14 +92,14 @@ def load(path: Path) -> Decision:
         raise UserError(f"{path}: not JSON ({str(error)[:80]})") from None
     except OSError as error:
         raise UserError(f"{path}: cannot be read ({error.strerror})") from None
-    decision, beside = parse(read, str(path)), path.with_suffix(".npz")
+    fields, beside = parse(read, str(path)), path.with_suffix(".npz")
     if "scene" in read and beside.exists():
-        _add_maps(decision, read["scene"], beside)
-    return decision
+        fields |= _maps(fields, read["scene"], beside)
+    return fields
 
 
-def _add_maps(decision: Decision, scene: Any, beside: Path) -> None:
-    """Puts the maps back, if they are those of this decision; its values are taken from them again."""
+def _maps(fields: dict[str, Any], scene: Any, beside: Path) -> dict[str, Any]:
+    """The maps, the heightmap and the scene, if they are those of this decision."""
     try:
         with zipfile.ZipFile(beside) as packed:
             if sum(entry.file_size for entry in packed.infolist()) > _LARGEST_MAPS:
@@ -103,13 +110,13 @@ def _add_maps(decision: Decision, scene: Any, beside: Path) -> None:
         bounds = np.array(scene["bounds"], dtype=float)
         rows, columns = cells.shape
         fits = (
-            maps.shape == (len(decision.components), rows, columns)
+            maps.shape == (len(fields["components"]), rows, columns)
             and color.shape == (3, rows, columns)
             and height.shape == cells.shape
         )
         fits = fits and bounds.shape == (3, 2) and bool(np.isfinite(bounds).all() and np.isfinite(height).all())
         fits = fits and int(cells.min()) >= -1 and int(cells.max()) < len(names) and not np.isinf(maps).any()
-        for candidate in decision.candidates:
+        for candidate in fields["candidates"]:
             stored = maps[:, candidate.pixel[0], candidate.pixel[1]] if fits and candidate.pixel else np.array([np.inf])
             fits = fits and bool(np.allclose(stored, list(candidate.values.values()), atol=_TOLERANCE, rtol=_TOLERANCE))
     except (OSError, ValueError, KeyError, IndexError, TypeError, AttributeError, zipfile.BadZipFile) as error:
@@ -120,11 +127,9 @@ def _add_maps(decision: Decision, scene: Any, beside: Path) -> None:
         raise UserError(
             f"{beside}: does not belong to the decision beside it; without it the numbers alone are explained"
         )
-    decision.maps = maps.astype(float)
-    decision.heightmap = np.concatenate((color.astype(np.float32), height[None].astype(np.float32)))
-    decision.scene = Scene(
-        names, cells.astype(int), str(scene["background"])[:200], bounds.tolist(), decision.heightmap[3]
-    )
+    heightmap = np.concatenate((color.astype(np.float32), height[None].astype(np.float32)))
+    lying = Scene(names, cells.astype(int), str(scene["background"])[:200], bounds.tolist(), heightmap[3])
+    return {"maps": maps.astype(float), "heightmap": heightmap, "scene": lying}
 
 
 def _plain(candidate: Candidate) -> dict[str, Any]:

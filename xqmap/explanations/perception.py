@@ -11,6 +11,7 @@ from typing import Any, Protocol
 
 import numpy as np
 from matplotlib.path import Path as Outline
+from scipy import ndimage
 
 from xqmap.envs.heightmap import PixelGrid
 
@@ -114,8 +115,6 @@ class Vision:
 
     def __call__(self, heightmap: np.ndarray, grid: PixelGrid, task: Any) -> Scene:
         """Segments and names what stands up; see :class:`Perception`. The world is not asked."""
-        from scipy import ndimage
-
         color, height = heightmap[:3], heightmap[3]
         seen = (heightmap != 0).any(0)
         floor = float(np.median(height[seen])) if seen.any() else 0.0

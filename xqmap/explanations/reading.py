@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from xqmap.errors import UserError
-from xqmap.explanations.decision import SELECTED, Candidate, Decision
+from xqmap.explanations.candidate import SELECTED, Candidate
 
 _LONGEST_NAME = 200
 # Of entries in a list: what can still be read by a person, and drawn.
@@ -13,8 +13,8 @@ _MOST = {"components": 32, "candidates": 33, "objects": 1000}
 _LARGEST_VALUE = 1e9
 
 
-def parse(content: Any, source: str) -> Decision:
-    """The content of a ``decision.json`` as a :class:`Decision`.
+def parse(content: Any, source: str) -> dict[str, Any]:
+    """The fields of the decision that the content of a ``decision.json`` tells of.
 
     Args:
         content: what the JSON holds.
@@ -109,14 +109,14 @@ def parse(content: Any, source: str) -> Decision:
         raise wrong("objects", f"must be a list of at most {_MOST['objects']} entries")
     objects = [candidate(entry, f"objects[{i}]", "object") for i, entry in enumerate(listed)]
     seed, step, noise = content.get("scene_seed"), content.get("step"), content.get("noise")
-    return Decision(
-        text(content["task"], "task"),
-        components,
-        candidates,
-        scene_seed=whole(seed),
-        objects=sorted(objects, key=lambda thing: -thing.overall),
-        step=whole(step) or 0,
-        noise={name: abs(number(noise[name], f"noise.{name}")) for name in components if name in noise}
+    return {
+        "task": text(content["task"], "task"),
+        "components": components,
+        "candidates": candidates,
+        "scene_seed": whole(seed),
+        "objects": sorted(objects, key=lambda thing: -thing.overall),
+        "step": whole(step) or 0,
+        "noise": {name: abs(number(noise[name], f"noise.{name}")) for name in components if name in noise}
         if isinstance(noise, dict)
         else {},
-    )
+    }

@@ -8,7 +8,7 @@ from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 
 from xqmap import keys
-from xqmap.models.qmaps import QMaps, write_chosen
+from xqmap.models.qmaps import write_chosen
 
 
 def masked_argmax(action_value: Tensor, mask: Tensor | None) -> Tensor:
@@ -16,6 +16,7 @@ def masked_argmax(action_value: Tensor, mask: Tensor | None) -> Tensor:
     allows none).
     """
     if mask is not None:
+        mask = mask.bool()
         blocked = ~mask & mask.any(-1, keepdim=True)
         action_value = action_value.masked_fill(blocked, -torch.inf)
     return action_value.argmax(-1)
@@ -24,14 +25,15 @@ def masked_argmax(action_value: Tensor, mask: Tensor | None) -> Tensor:
 class GreedyPolicy(TensorDictModuleBase):
     """a* = argmax_a Σ_k w_k Q_k(s, a): one argmax for all components.
 
-    Reads ``heightmap`` and, where it is there, ``action_mask``. Writes ``action`` and everything :class:`QMaps` writes,
-    the values at the chosen action included (torchrl's value estimators look for them among the policy's output).
+    Reads what the network reads and, where it is there, ``action_mask``. Writes ``action`` and everything
+    :class:`QMaps` writes, the values at the chosen action included (torchrl's value estimators look for them among the
+    policy's output).
     """
 
-    def __init__(self, qmaps: QMaps) -> None:
+    def __init__(self, qmaps: TensorDictModuleBase) -> None:
         super().__init__()
         self.qmaps = qmaps
-        self.in_keys = [keys.HEIGHTMAP]
+        self.in_keys = [*qmaps.in_keys]
         self.out_keys = [
             keys.ACTION,
             keys.COMPONENT_ACTION_VALUE,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import torch
 from tensordict import TensorDictBase
@@ -53,7 +53,7 @@ class QMaps(TensorDictModuleBase):
         components: names of the K components; the order of every K axis.
         stem: the geometry computed from the heightmap.
         unet: builds one U-Net from its number of input channels.
-        weights: w_k in the order of ``components``; 1 each when not given.
+        weights: w_k by name, or in the order of ``components``; 1 each when not given.
         symmetric: in evaluation mode a map is the mean over the turned and mirrored heightmaps: the argmax over
             thousands of cells finds a single view's outliers, and no outlier is one from every side.
     """
@@ -63,7 +63,7 @@ class QMaps(TensorDictModuleBase):
         components: Sequence[str],
         stem: LocalGeometry,
         unet: Callable[[int], UNet],
-        weights: Sequence[float] | None = None,
+        weights: Mapping[str, float] | Sequence[float] | None = None,
         symmetric: bool = False,
     ) -> None:
         super().__init__()
@@ -74,7 +74,11 @@ class QMaps(TensorDictModuleBase):
         self.stem = stem
         # A list, so that no component's name can clash with a module's own attributes.
         self.unets = nn.ModuleList(unet(stem.channels) for _ in self.components)
-        weight = torch.ones(len(self.components)) if weights is None else torch.tensor([float(w) for w in weights])
+        if isinstance(weights, Mapping):
+            if set(weights) != set(self.components):
+                raise ValueError(f"weights for {list(weights)}, but the components are {list(self.components)}")
+            weights = [weights[name] for name in self.components]
+        weight = torch.tensor([1.0] * len(self.components) if weights is None else [float(w) for w in weights])
         if len(weight) != len(self.components):
             raise ValueError(f"{len(weight)} weights for the {len(self.components)} components {self.components}")
         self.register_buffer("weights", weight)
@@ -115,14 +119,14 @@ class QMaps(TensorDictModuleBase):
     def _maps(self, heightmap: Tensor) -> Tensor:
         # Centimetres between metres: the stem never runs in reduced precision.
         with torch.no_grad(), torch.autocast(heightmap.device.type, enabled=False):
-            image = self.stem(heightmap).contiguous(memory_format=torch.channels_last)
+            image = self.stem(heightmap).to(self.weights.dtype, memory_format=torch.channels_last)
         return torch.cat([unet(image) for unet in self.unets], dim=1)
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Writes the maps, their sum, and the values at ``action`` where there is one."""
         image = tensordict.get(keys.HEIGHTMAP)
         lead = image.shape[:-3]
-        maps = self.maps(image.reshape(-1, *image.shape[-3:])).float()
+        maps = self.maps(image.reshape(-1, *image.shape[-3:]))
         values = maps.reshape(*lead, len(self.components), -1)
         total = (values * self.weights[:, None]).sum(-2)
         tensordict.set(keys.COMPONENT_ACTION_VALUE, values)

@@ -57,13 +57,14 @@ class LocalGeometry(nn.Module):
         return 5 + 2 * len(self.plane_windows)
 
     def forward(self, heightmap: Tensor) -> Tensor:
-        """``[B, 4, H, W]`` → ``[B, channels, H, W]``."""
+        """``[B, 4, H, W]`` → ``[B, channels, H, W]``, in single precision at least."""
+        heightmap = heightmap.to(torch.promote_types(heightmap.dtype, torch.float32))
         color, height = heightmap[:, :3] / 127.5 - 1, heightmap[:, 3:]
         channels = [color, height / self.height_scale, (height - _mean(height, self.surroundings)) / self.height_scale]
         rise = height / self.pixel_size
         for edge in self.plane_windows:
             padded = F.pad(rise, (edge // 2,) * 4, mode="replicate")
-            steepness = F.conv2d(padded, getattr(self, f"plane{edge}")).square().sum(1, keepdim=True)
+            steepness = F.conv2d(padded, getattr(self, f"plane{edge}").to(rise)).square().sum(1, keepdim=True)
             slope = torch.rad2deg(torch.atan(steepness.sqrt())) / self.slope_scale
             # In double precision: the variance is a small difference of large squares.
             exact = padded.double()
@@ -131,7 +132,7 @@ class UNet(nn.Module):
             image = nn.Sequential(*others)(_upconv(first, image, skip))
         # The last step in full precision: a value near 1 in bfloat16 is only good to half a percent.
         with torch.autocast(image.device.type, enabled=False):
-            return self.head(image.float())
+            return self.head(image.to(self.head.weight.dtype))
 
 
 def _pool(image: Tensor) -> Tensor:

@@ -11,12 +11,14 @@ from tensordict import TensorDict, TensorDictBase, unravel_key
 from tensordict.nn import TensorDictModuleBase, TensorDictParams, dispatch
 from tensordict.utils import NestedKey
 from torch import Tensor
+from torchrl.data import TensorSpec
 from torchrl.objectives.common import LossModule
 from torchrl.objectives.utils import ValueEstimators, default_value_kwargs, distance_loss
 from torchrl.objectives.value import TD0Estimator, TD1Estimator, TDLambdaEstimator, ValueEstimatorBase
 
 from xqmap.models.policy import masked_argmax
 from xqmap.models.qmaps import values_at
+from xqmap.objectives import inputs
 from xqmap.objectives.windows import can_window, crop
 
 
@@ -29,10 +31,12 @@ class DecomposedDQNLoss(LossModule):
     double DQN exactly.
 
     Args:
-        value_network: writes ``component_action_value`` ``[B, K, A]`` and ``action_value`` ``[B, A]``.
+        value_network: writes ``component_action_value`` ``[B, K, A]`` and ``action_value`` ``[B, A]``: what each of A
+            actions is worth.
 
     Keyword Args:
-        components: names of the K components; the outputs are ``loss_<component>``.
+        components: names of the K components, the network's own and in its order; the outputs are
+            ``loss_<component>``.
         double_dqn: the online nets choose a⁺; otherwise the target nets do.
         delay_value: keep target nets (copies moved by a torchrl target updater); otherwise the online nets are their
             own target.
@@ -43,9 +47,12 @@ class DecomposedDQNLoss(LossModule):
         windowed: compute values and gradients on the receptive-field window of each action only: same numbers, less
             work.
         reduction: ``"mean"``, ``"sum"`` or ``"none"`` over the batch.
+        action_space: how the batch writes actions, ``"categorical"`` (indices, from 0) or ``"one-hot"``, or a spec of
+            torchrl's; as in torchrl's ``DQNLoss``.
 
     Raises:
-        ValueError: if ``windowed`` is asked of a network that does not state its radius or normalises over the image.
+        ValueError: if ``windowed`` is asked of a network that does not state its radius or normalises over the image,
+            if the network has other components, or if a setting is none of those above.
 
     Examples:
         >>> loss = DecomposedDQNLoss(qmaps, components=("flatness", "color"))
@@ -60,13 +67,14 @@ class DecomposedDQNLoss(LossModule):
 
         Attributes:
             heightmap: the observation that windows are cut from.
-            action: the action taken, row · W + column.
-            action_mask: optional, the cells that a⁺ may be chosen from.
-            component_action_value: the Q-Maps.
+            action: the action taken; on a map, row · W + column.
+            action_mask: optional, the actions that a⁺ may be chosen from.
+            component_action_value: the components' values.
             action_value: their weighted sum.
             reward: K rewards per step (with K = 1 the summed one does).
             done: end of a trajectory.
             terminated: end of an episode: nothing to bootstrap from.
+            truncated: optional, end of a trajectory only; says what is missing of the two above.
             steps_to_next_obs: written by n-step transforms.
             priority: written by the loss: Σ_k |δ_k|, for prioritised replay.
             priority_weight: optional, how much each transition counts: written by prioritised replay.
@@ -80,6 +88,7 @@ class DecomposedDQNLoss(LossModule):
         reward: NestedKey = "reward_components"
         done: NestedKey = "done"
         terminated: NestedKey = "terminated"
+        truncated: NestedKey = "truncated"
         steps_to_next_obs: NestedKey = "steps_to_next_obs"
         priority: NestedKey = "td_error"
         priority_weight: NestedKey = "priority_weight"
@@ -103,10 +112,21 @@ class DecomposedDQNLoss(LossModule):
         shared_argmax: bool = True,
         windowed: bool = False,
         reduction: Literal["mean", "sum", "none"] = "mean",
+        action_space: str | TensorSpec = "categorical",
     ) -> None:
         self._in_keys: list[NestedKey] | None = None
         self._out_keys: list[str] | None = None
         super().__init__()
+        stated = next((m.components for m in value_network.modules() if hasattr(m, "components")), components)
+        once = not isinstance(components, str) and len(set(components)) == len(components) > 0
+        if not once or list(stated) != list(components):
+            raise ValueError(f"components={components!r} must be names, each once, and the network's: {list(stated)}")
+        for name, value, known in (
+            ("reduction", reduction, ("mean", "sum", "none")),
+            ("loss_function", loss_function, ("l1", "l2", "smooth_l1")),
+        ):
+            if value not in known:
+                raise ValueError(f"{name}={value!r} is not one of {', '.join(known)}")
         if windowed and not can_window(value_network):
             raise ValueError(
                 "loss.windowed=true needs a network that states its radius and stride and has no normalisation over "
@@ -120,13 +140,12 @@ class DecomposedDQNLoss(LossModule):
         self.shared_argmax = shared_argmax
         self.windowed = windowed
         self.reduction = reduction
+        self.one_hot = inputs.is_one_hot(action_space)
         self.convert_to_functional(value_network, "value_network", create_target_params=delay_value)
 
     def _forward_value_estimator_keys(self, **kwargs: NestedKey) -> None:
         if self._value_estimator is not None:
-            self._value_estimator.set_keys(
-                reward=self.tensor_keys.reward, done=self.tensor_keys.done, terminated=self.tensor_keys.terminated
-            )
+            self._name_keys(self._value_estimator)
         self._in_keys = None
 
     @property
@@ -158,6 +177,10 @@ class DecomposedDQNLoss(LossModule):
     def make_value_estimator(self, value_type: ValueEstimators | None = None, **hyperparams: float) -> None:
         """Chooses how returns are estimated: TD(0) by default (with n-step batches too), TD(1) or TD(λ).
 
+        torchrl's ``MultiStepTransform`` makes n-step batches with ``reward_keys=["reward_components"]`` and
+        ``done_keys=["done"]``: left to itself it moves the next state and not ``terminated``, and the end of an episode
+        would be bootstrapped from.
+
         Args:
             value_type: ``ValueEstimators.TD0``, ``TD1`` or ``TDLambda``.
             hyperparams: ``gamma``, ``lmbda``.
@@ -173,89 +196,104 @@ class DecomposedDQNLoss(LossModule):
         self.value_type = value_type
         settings = dict(default_value_kwargs(value_type)) | hyperparams
         self._value_estimator = estimators[value_type](**settings, value_network=None)
-        self._value_estimator.set_keys(
-            value=self.tensor_keys.component_action_value,
-            reward=self.tensor_keys.reward,
-            done=self.tensor_keys.done,
-            terminated=self.tensor_keys.terminated,
-            steps_to_next_obs=self.tensor_keys.steps_to_next_obs,
-        )
+        self._name_keys(self._value_estimator)
+
+    def _name_keys(self, estimator: ValueEstimatorBase) -> None:
+        k = self.tensor_keys
+        names = {"reward": k.reward, "done": k.done, "terminated": k.terminated}
+        estimator.set_keys(value=k.component_action_value, steps_to_next_obs=k.steps_to_next_obs, **names)
 
     @dispatch
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """The loss of a batch of transitions.
 
+        Numbers may be of any type and, where there is one per transition, of shape ``[B]`` or ``[B, 1]``; a batch may
+        be ``[B, T]``, too.
+
         Args:
             tensordict: ``[B]`` transitions: the network's input, ``action`` ``[B]``, and under ``"next"`` the network's
-                input, ``reward_components`` ``[B, K]``, ``done`` and ``terminated`` ``[B, 1]``; a ``priority_weight``
-                ``[B]`` multiplies each transition's loss. Gets ``td_error`` ``[B]`` written, nothing else.
+                input, ``reward_components`` ``[B, K]``, ``done`` and ``terminated`` ``[B, 1]`` (one of them will do,
+                with ``truncated`` or without); optionally ``priority_weight`` ``[B]``, by which each transition's loss
+                is multiplied, ``steps_to_next_obs`` ``[B]`` and, under ``"next"``, ``action_mask`` ``[B, A]``. Gets
+                ``td_error`` ``[B]`` written, nothing else.
 
         Returns:
             A TensorDict of ``loss_<component>``, ``td_error_<component>`` (mean |δ_k|) and ``value_<component>`` (mean
             Q_k(s, a)).
+
+        Raises:
+            ValueError: if an entry's shape is another; it is named.
         """
-        action = tensordict.get(self.tensor_keys.action)
+        k = self.tensor_keys
+        action = inputs.actions(tensordict, k.action, self.one_hot)
         value = self._values(tensordict, action, self.value_network_params)
         with torch.no_grad():
-            target = self._targets(tensordict)
+            target = self._targets(tensordict).to(value)
         error = (target - value.detach()).abs()
-        tensordict.set(self.tensor_keys.priority, error.sum(-1))
         loss = distance_loss(value, target, self.loss_function)
-        weight = tensordict.get(self.tensor_keys.priority_weight, None)
-        if weight is not None:
-            loss = loss * weight[..., None]
+        if tensordict.get(k.priority_weight, None) is not None:
+            loss = loss * inputs.numbers(tensordict, k.priority_weight).to(loss)[..., None]
+        tensordict.set(k.priority, error.sum(-1))
         out: dict[str, Tensor] = {}
-        for k, name in enumerate(self.components):
-            column = loss[..., k]
+        for i, name in enumerate(self.components):
+            column = loss[..., i]
             out[f"loss_{name}"] = (
                 column.mean() if self.reduction == "mean" else column.sum() if self.reduction == "sum" else column
             )
-            out[f"td_error_{name}"] = error[..., k].mean()
-            out[f"value_{name}"] = value.detach()[..., k].mean()
+            out[f"td_error_{name}"] = error[..., i].mean()
+            out[f"value_{name}"] = value.detach()[..., i].mean()
         self._clear_weakrefs(tensordict, "value_network_params", "target_value_network_params")
         return TensorDict(out)
 
-    def _network(self, tensordict: TensorDictBase, params: TensorDictParams) -> TensorDictBase:
-        with params.to_module(self.value_network):
-            return self.value_network(tensordict.select(*self.value_network.in_keys))
+    def _network(self, states: TensorDictBase, params: TensorDictParams) -> TensorDictBase:
+        """What the network writes for states ``[N]``."""
+        with params.to_module(self.value_network, preserve_module_state=False):
+            found = self.value_network(states.select(*self.value_network.in_keys))
+        key, wanted = self.tensor_keys.component_action_value, (*states.batch_size, len(self.components))
+        if found[key].shape[:-1] != wanted:
+            names = ", ".join(self.components)
+            raise ValueError(f"the network wrote {key} {list(found[key].shape)}, must be {[*wanted, 'A']}: {names}")
+        return found
 
     def _values(self, tensordict: TensorDictBase, action: Tensor, params: TensorDictParams) -> Tensor:
-        """``[B, K]``: Q_k at the actions ``[B]``."""
+        """``[*, K]``: Q_k at the actions ``[*]`` (or one-hot ``[*, A]``) in the states ``[*]``."""
+        lead, key = tensordict.batch_size, self.tensor_keys.heightmap
+        states = tensordict.select(*self.value_network.in_keys).reshape(-1)
+        action = action.reshape(-1, *action.shape[len(lead) :])
         if self.windowed:
-            key = self.tensor_keys.heightmap
-            image, action = crop(tensordict.get(key), action, self.value_network.radius, self.value_network.stride)
-            tensordict = TensorDict({}, batch_size=tensordict.batch_size).set(key, image)
-        maps = self._network(tensordict, params).get(self.tensor_keys.component_action_value)
-        return values_at(maps, action)
+            action = inputs.index(action, states[key].shape[-2:].numel())
+            image, action = crop(states[key], action, self.value_network.radius, self.value_network.stride)
+            states = TensorDict({}, states.batch_size).set(key, image)
+        maps = self._network(states, params)[self.tensor_keys.component_action_value]
+        return values_at(maps, inputs.index(action, maps.shape[-1])).reshape(*lead, -1)
 
     def _targets(self, tensordict: TensorDictBase) -> Tensor:
-        """``[B, K]``: y_k. Next states after which nothing comes are not looked at."""
-        following = tensordict.get("next")
-        reward = following.get(self.tensor_keys.reward)
-        terminated = following.get(self.tensor_keys.terminated)
-        future = reward.new_zeros(reward.shape)
-        goes_on = ~terminated.reshape(reward.shape[:-1])
+        """``[*, K]``: y_k. Next states after which nothing comes are not looked at."""
+        k, following = self.tensor_keys, tensordict["next"]
+        reward = inputs.rewards(following, k.reward, self.components)
+        done, terminated = inputs.ends(following, (k.done, k.terminated, k.truncated))
+        future = torch.zeros_like(reward)
         if self._value_estimator is None:
             self.make_value_estimator()
-        if bool(goes_on.any()) and float(self._value_estimator.gamma) > 0:
-            future[goes_on] = self._future(following[goes_on]).to(future)
-        batch = tensordict.select(("next", self.tensor_keys.reward))
-        for key in (self.tensor_keys.done, self.tensor_keys.terminated):
-            batch.set(("next", key), following.get(key).expand_as(reward))
-        steps = tensordict.get(self.tensor_keys.steps_to_next_obs, None)
-        if steps is not None:
-            batch.set(self.tensor_keys.steps_to_next_obs, steps.expand_as(reward))
+        if not bool(terminated.all()) and float(self._value_estimator.gamma) > 0:
+            seen = following.select(*self.value_network.in_keys, k.action_mask, strict=False)
+            future[~terminated] = self._future(seen[~terminated]).to(future)
+        batch = TensorDict({}, tensordict.batch_size).set(("next", k.reward), reward)
+        batch.set(("next", k.done), done[..., None].expand_as(reward))
+        batch.set(("next", k.terminated), terminated[..., None].expand_as(reward))
+        if tensordict.get(k.steps_to_next_obs, None) is not None:
+            steps = inputs.numbers(tensordict, k.steps_to_next_obs)
+            batch.set(k.steps_to_next_obs, steps[..., None].expand_as(reward))
         return self.value_estimator.value_estimate(batch, next_value=future)
 
     def _future(self, following: TensorDictBase) -> Tensor:
-        """``[B, K]``: Q̄_k(s', a⁺), or max_a' Q̄_k(s', a') without the shared argmax."""
-        mask = following.get(self.tensor_keys.action_mask, None)
-        target = self.target_value_network_params
-        if not self.shared_argmax:
-            maps = self._network(following, target).get(self.tensor_keys.component_action_value)
-            return maps.gather(
-                -1, masked_argmax(maps, None if mask is None else mask[..., None, :])[..., None]
-            ).squeeze(-1)
-        chooser = self.value_network_params if self.double_dqn else target
-        best = masked_argmax(self._network(following, chooser).get(self.tensor_keys.action_value), mask)
-        return self._values(following, best, target)
+        """``[*, K]``: Q̄_k(s', a⁺), or max_a' Q̄_k(s', a') without the shared argmax."""
+        k, target = self.tensor_keys, self.target_value_network_params
+        online = self.double_dqn and self.shared_argmax
+        found = self._network(following, self.value_network_params if online else target)
+        mask = inputs.allowed(following, k.action_mask, found[k.component_action_value].shape[-1])
+        if self.shared_argmax:
+            return self._values(following, masked_argmax(found[k.action_value], mask), target)
+        maps = found[k.component_action_value]
+        best = masked_argmax(maps, None if mask is None else mask[..., None, :])
+        return maps.gather(-1, best[..., None]).squeeze(-1)

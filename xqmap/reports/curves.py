@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -16,7 +15,7 @@ from matplotlib.lines import Line2D
 
 from xqmap.evaluation import results, tables
 from xqmap.evaluation.results import Row
-from xqmap.explanations.views.plots import PALETTE, STYLE
+from xqmap.explanations.views.style import PALETTE, drawing
 from xqmap.reports.runs import Run
 
 # Places along a curve; more than a screen's width would show.
@@ -39,7 +38,7 @@ COLORS = (*PALETTE[2:6], PALETTE[7], *PALETTE[:2])
 # Where two methods learned the same, the one below shows in the gaps.
 STROKES = ("-", (0, (4, 2)), (0, (1, 1.5)))
 WIDTH = 10.6
-_SMALL: Any = STYLE | {"font.size": 9, "axes.titlesize": 9.5}
+_SMALL = {"font.size": 9, "axes.titlesize": 9.5}
 
 
 @dataclass
@@ -132,8 +131,9 @@ def learning(groups: dict[str, list[Run]], metric: str, colors: dict[str, str]) 
         return None
     # One panel has its two axes side by side; several have them one below the other.
     shape = (1, 2) if len(names) == 1 else (2, len(names))
-    with plt.rc_context(_SMALL):
-        figure, axes = plt.subplots(*shape, figsize=(WIDTH, 0.3 + 2.2 * shape[0]), layout="constrained", squeeze=False)
+    with drawing(_SMALL):
+        figure = Figure(figsize=(WIDTH, 0.3 + 2.2 * shape[0]), layout="constrained")
+        axes = figure.subplots(*shape, squeeze=False)
         styles = dict(zip(groups, itertools.cycle(STROKES), strict=False))
         lines = [Line2D([], [], color=colors[label], lw=2, ls=styles[label]) for label in groups]
         names_of_lines = [textwrap.shorten(label, 120, placeholder=" …") for label in groups]
@@ -171,9 +171,9 @@ def intervals(rows: Sequence[Row], colors: dict[str, str]) -> Figure:
     """A task's rates with their intervals: methods and baselines one below the other, sheets side by side."""
     labels = list(dict.fromkeys(row.label for row in rows))
     sheets = results.grouped(rows, lambda row: row.sheet)
-    with plt.rc_context(_SMALL):
-        size = (WIDTH, 0.7 + 0.27 * len(labels))
-        figure, axes = plt.subplots(1, len(sheets), figsize=size, layout="constrained", sharey=True, squeeze=False)
+    with drawing(_SMALL):
+        figure = Figure(figsize=(WIDTH, 0.7 + 0.27 * len(labels)), layout="constrained")
+        axes = figure.subplots(1, len(sheets), sharey=True, squeeze=False)
         for axis, (sheet, members) in zip(axes[0], sheets.items(), strict=True):
             for row in members:
                 color, at = colors.get(row.label, "0.45"), labels.index(row.label)
@@ -201,8 +201,9 @@ def shares(groups: dict[str, list[Run]]) -> Figure | None:
     means = {label: values for label, values in means.items() if sum(values) > 0}
     if not means:
         return None
-    with plt.rc_context(_SMALL):
-        figure, axis = plt.subplots(figsize=(WIDTH, 0.8 + 0.32 * len(means)), layout="constrained")
+    with drawing(_SMALL):
+        figure = Figure(figsize=(WIDTH, 0.8 + 0.32 * len(means)), layout="constrained")
+        axis = figure.subplots()
         left = np.zeros(len(means))
         for i, name in enumerate(names):
             width = np.array([values[i] for values in means.values()])

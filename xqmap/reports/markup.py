@@ -9,9 +9,10 @@ from collections.abc import Iterable, Sequence
 from html import escape
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 from PIL import Image, ImageChops, ImageOps
+
+from xqmap.explanations.views.style import rendered
 
 _GRAY = re.compile(r"#([0-9a-f]{2})\1\1\b")
 _NUMBER = re.compile(r"[-+]?[\d,]*\.?\d+")
@@ -48,11 +49,8 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], caption: str, text
 
 def figure(drawn: Figure, caption: str) -> str:
     """A chart as inline SVG in the page's own colors: its grays follow light and dark."""
-    buffer = io.StringIO()
-    with plt.rc_context({"svg.fonttype": "none", "svg.hashsalt": "xqmap"}):
-        drawn.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
-    plt.close(drawn)
-    text = buffer.getvalue()
+    unsaid = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+    text = rendered(drawn, "svg", {"svg.fonttype": "none", "savefig.bbox": None}, metadata=unsaid).decode()
     svg = _GRAY.sub(lambda found: _themed(int(found[1], 16)), text[text.index("<svg") :])
     # The axes' parts are numbered from 1 in every figure; nothing on the page refers to them.
     svg = re.sub(

@@ -5,9 +5,9 @@ beside them.
 from __future__ import annotations
 
 import csv
-import os
+import io
+import math
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,11 +15,16 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from xqmap.errors import UserError
 from xqmap.evaluation import results
 from xqmap.evaluation.results import Result
+from xqmap.files import read_bytes
 from xqmap.reports import offline
 from xqmap.reports.offline import Logged
 from xqmap.runs import locks
+
+# Bytes of a metrics.csv: some five hundred a row.
+_LARGEST_FILE = 100_000_000
 
 
 @dataclass
@@ -123,22 +128,11 @@ def gather(root: Path, found: Sequence[Result]) -> tuple[list[Run], dict[Path, s
     evaluated = {result.directory: result for result in found if not result.sheet}
     settled = {path.parent.parent for path in root.rglob(".hydra/config.yaml")}
     directories = sorted({*files, *evaluated, *settled, *(path.parent for path in root.rglob("metrics.csv"))})
-    every = [path for directory in directories for path in files.get(directory, [])]
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        reading = tqdm(
-            pool.map(offline.read, every),
-            total=len(every),
-            unit="run",
-            desc="reading",
-            mininterval=1.0,
-            disable=not every,
-        )
-        logs = dict(zip(every, reading, strict=True))
-
     runs: list[Run] = []
     foreign: dict[Path, str] = {}
-    for directory in directories:
-        run = _run(root, directory, [logs[path] for path in files.get(directory, [])], evaluated.get(directory))
+    for directory in tqdm(directories, unit="run", desc="reading", mininterval=1.0, disable=not directories):
+        logs = [offline.read(path) for path in files.get(directory, [])]
+        run = _run(root, directory, logs, evaluated.get(directory))
         if run.result or {"task.name", "method.name"} <= set(run.settings):
             runs.append(run)
         elif "report" not in run.settings:  # an earlier report, logged among the runs
@@ -166,7 +160,7 @@ def _run(root: Path, directory: Path, logs: list[Logged], result: Result | None)
         run.environment |= logged.environment
         run.settings = results.flat({name: value for name, value in logged.config.items() if not name.startswith("_")})
     run.ended = not logs or logs[-1].exit_code is not None
-    stored = results.settings_of(directory)
+    stored = result.settings if result else results.settings_of(directory)
     # wandb has the values that the stored settings only point to.
     run.settings = {
         name: run.settings.get(name, value) if "${" in str(value) else value for name, value in stored.items()
@@ -179,7 +173,7 @@ def _run(root: Path, directory: Path, logs: list[Logged], result: Result | None)
         run.columns = beside
     if not run.pictures:
         run.pictures = {
-            int(p.stem[5:]): p for p in sorted(directory.glob("figures/qmaps*.png")) if p.stem[5:].isdigit()
+            int(p.stem[5:]): p for p in sorted(directory.glob("figures/qmaps*.png")) if p.stem[5:].isdecimal()
         }
     overrides = results.stored(directory, "overrides")
     run.overrides = [str(entry) for entry in overrides] if isinstance(overrides, list) else []
@@ -204,10 +198,13 @@ def _joined(before: dict[str, np.ndarray], after: dict[str, np.ndarray]) -> dict
 def _metrics(path: Path) -> dict[str, np.ndarray]:
     """``metrics.csv`` by column; nothing where it is missing or not ours."""
     try:
-        with open(path, newline="", encoding="utf-8") as file:
-            rows = list(csv.DictReader(file))
-        columns = {name: np.array([float(row[name] or "nan") for row in rows]) for name in (rows[0] if rows else {})}
-    except (OSError, ValueError, TypeError, KeyError, csv.Error):
+        head, *rows = csv.reader(io.StringIO(read_bytes(path, _LARGEST_FILE, inside=path.parent).decode(), newline=""))
+        if len(head) * len(rows) > offline.MOST_NUMBERS:
+            return {}
+        # A row that a crash cut off lacks its last numbers.
+        numbers = [[float(text or "nan") for text in row] + [math.nan] * (len(head) - len(row)) for row in rows]
+        columns = dict(zip(head, np.array(numbers).reshape(len(rows), len(head)).T, strict=True))
+    except (UserError, ValueError, csv.Error):
         return {}
     if "seconds" in columns:
         # They begin anew where a run was resumed.

@@ -8,20 +8,14 @@ import io
 import logging
 import math
 import os
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import torch
 from omegaconf import DictConfig, OmegaConf
-from tensordict import TensorDict, TensorDictBase
-from torch import Tensor
 
-from xqmap import keys
 from xqmap.errors import UserError, brief
-from xqmap.evaluation.play import SAME_REWARD
-from xqmap.runs.checkpoint import write_atomically
+from xqmap.files import write_atomically
 
 _logger = logging.getLogger(__name__)
 _QUIET: dict[str, Any] = {"x_disable_stats": True, "console": "off", "silent": True}
@@ -57,7 +51,7 @@ class Log:
 
     def _start_wandb(self, directory: Path, cfg: DictConfig) -> None:
         with _starting(directory, cfg.logger.mode, "logger.mode=disabled does without") as wandb:
-            from torchrl.record.loggers.wandb import WandbLogger
+            from torchrl.record.loggers.wandb import WandbLogger  # imports wandb
 
             self._wandb = WandbLogger(
                 exp_name=directory.name,
@@ -82,7 +76,7 @@ class Log:
         """A picture file, into wandb."""
 
         def send(experiment: Any) -> None:
-            import wandb
+            import wandb  # only once it was told to keep to itself
 
             experiment.log({name: wandb.Image(str(path))}, step=frames)
 
@@ -109,7 +103,7 @@ class Log:
 
 def _forget_wandb() -> None:
     """Lets the next training of this process begin with a wandb process of its own; the present one may be gone."""
-    import wandb
+    import wandb  # only once it was told to keep to itself
 
     for end in (lambda: wandb.run and wandb.run.finish(), wandb.teardown):
         with contextlib.suppress(Exception):
@@ -152,7 +146,7 @@ def _starting(directory: Path, mode: str, otherwise: str) -> Iterator[Any]:
     """
     os.environ.setdefault("WANDB_ERROR_REPORTING", "false")
     os.environ.setdefault("WANDB_DATA_DIR", str(directory / "wandb"))
-    import wandb
+    import wandb  # only once it was told to keep to itself
 
     try:
         yield wandb
@@ -168,76 +162,3 @@ def _rows(path: Path, columns: list[str], after: int) -> list[dict[str, str]]:
     with open(path, newline="", encoding="utf-8", errors="replace") as file:
         rows = [row for row in csv.DictReader(file) if list(row) == columns and None not in row.values()]
     return [row for row in rows if row["frames"] and float(row["frames"]) <= after]
-
-
-class Tracker:
-    """What the training's own decisions say: success, returns and the bias of Q, by component.
-
-    Args:
-        components: names of the task's components.
-        values: names of the Q-Maps (one, ``reward``, for normal Q-learning).
-        reward_key: the rewards the Q-Maps are learned for.
-        gamma: discount per decision.
-        window: decisions that ``success`` looks back on.
-    """
-
-    def __init__(
-        self, components: Iterable[str], values: Iterable[str], reward_key: str, gamma: float, window: int = 100
-    ) -> None:
-        self.components, self.values, self.reward_key, self.gamma = tuple(components), tuple(values), reward_key, gamma
-        self.correct: deque[float] = deque(maxlen=window)
-        self._episode: list[TensorDictBase] = []
-
-    @property
-    def success(self) -> float:
-        """Share of best choices among the last decisions, exploration included."""
-        return sum(self.correct) / len(self.correct) if self.correct else float("nan")
-
-    def add(self, batch: TensorDictBase) -> dict[str, float]:
-        """Takes ``[T]`` successive decisions; returns the metrics of the episodes that ended with them (NaN where none
-        did).
-        """
-        returns: list[Tensor] = []
-        bias: list[Tensor] = []
-        for decision in batch.unbind(0):
-            gap = float(decision["next", keys.REWARD_AVAILABLE] - decision["next", keys.REWARD])
-            self.correct.append(float(gap < SAME_REWARD))
-            self._episode.append(
-                decision.select(
-                    keys.CHOSEN_COMPONENT_VALUE, ("next", self.reward_key), ("next", keys.REWARD_COMPONENTS)
-                )
-            )
-            if bool(decision["next", keys.DONE]):
-                returns.append(sum(step["next", keys.REWARD_COMPONENTS] for step in self._episode))
-                to_go = torch.zeros(len(self.values))
-                for step in reversed(self._episode):
-                    to_go = step["next", self.reward_key] + self.gamma * to_go
-                    bias.append(step[keys.CHOSEN_COMPONENT_VALUE] - to_go)
-                self._episode = []
-        row = {"success": self.success, "reward": float(batch["next", keys.REWARD].mean())}
-        row |= _named("return", self.components, returns) | _named("q_bias", self.values, bias)
-        return row
-
-    def contents(self) -> dict[str, Tensor]:
-        """What the next rows depend on, by name."""
-        episode = TensorDict.stack(self._episode).flatten_keys(".").items() if self._episode else ()
-        return {"correct": torch.tensor(list(self.correct)), **{f"episode.{name}": value for name, value in episode}}
-
-    def restore(self, contents: dict[str, Tensor]) -> None:
-        """The inverse of :meth:`contents`."""
-        self.correct.extend(contents["correct"].tolist())
-        episode = {tuple(name.split(".")[1:]): value for name, value in contents.items() if name != "correct"}
-        if episode:
-            stored = TensorDict({}, batch_size=[len(next(iter(episode.values())))])
-            for name, value in episode.items():
-                stored[name] = value
-            self._episode = list(stored.unbind(0))
-
-    def names(self) -> list[str]:
-        """The names of what :meth:`add` returns."""
-        return ["success", "reward", *(f"return/{n}" for n in self.components), *(f"q_bias/{n}" for n in self.values)]
-
-
-def _named(group: str, names: tuple[str, ...], values: list[Tensor]) -> dict[str, float]:
-    mean = torch.stack(values).mean(0).tolist() if values else [float("nan")] * len(names)
-    return {f"{group}/{name}": value for name, value in zip(names, mean, strict=True)}

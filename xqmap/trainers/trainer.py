@@ -31,7 +31,8 @@ from xqmap.explanations.views import plots
 from xqmap.models.policy import GreedyPolicy
 from xqmap.runs import checkpoint
 from xqmap.trainers import randomness
-from xqmap.trainers.logger import Log, Tracker
+from xqmap.trainers.logger import Log
+from xqmap.trainers.tracker import Tracker
 
 
 class Trainer:
@@ -151,7 +152,7 @@ class Trainer:
         parts = {
             "random": randomness.states(self._generators()),
             "replay": self.replay.contents(),
-            "tracker": self.tracker.contents(),
+            "tracker": self.tracker.state_dict(),
         }
         tensors |= {f"{part}/{name}": value for part, contents in parts.items() for name, value in contents.items()}
         facts |= {
@@ -233,7 +234,7 @@ class Trainer:
             optimizer["state"].setdefault(int(i), {})[key] = tensor
         self.optimizer.load_state_dict(optimizer)
         self.replay.restore(parts["replay"], facts["cursor"])
-        self.tracker.restore(parts["tracker"])
+        self.tracker.load_state_dict(parts["tracker"])
         self.frames = self.saved_frames = facts["frames"]
         self.updates, self.noise, self.best = facts["updates"], facts["noise"], facts["best"]
         self.exploration.frames.fill_(facts["explored"])

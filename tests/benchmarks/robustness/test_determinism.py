@@ -15,20 +15,22 @@ from omegaconf import DictConfig, OmegaConf
 
 from xqmap import explain
 from xqmap.benchmarks.robustness import interruptions
-from xqmap.config import build, schema
-from xqmap.runs import checkpoint, commands
+from xqmap.config import schema
+from xqmap.evaluation.run import evaluate_run
+from xqmap.runs.decide import decide
+from xqmap.runs.run import load_run
 
-pytestmark = [pytest.mark.sim, pytest.mark.usefixtures("trust_toy")]
+pytestmark = [pytest.mark.sim]
 
 
-def make(settings: dict[str, Any], directory: str, trusted: tuple[str, ...]) -> None:
+def make(settings: dict[str, Any], directory: str) -> None:
     """A training, its evaluation and an explanation, in this process."""
-    interruptions.attempt(settings, directory, trusted)
+    interruptions.attempt(settings, directory)
     place, cfg = Path(directory), schema.typed(OmegaConf.create(settings))
-    run = checkpoint.load_run(place)
-    commands.evaluate_run(run, cfg.evaluation, place / "evaluation.json")
+    run = load_run(place)
+    evaluate_run(run, cfg.evaluation, place / "evaluation.json")
     see = OmegaConf.create({"_target_": "xqmap.explanations.perception.Simulator"})
-    explain.write(commands.decide(run, 3, 1, see)[0], place / "figures" / "scene3")
+    explain.write(decide(run, 3, 1, see)[0], place / "figures" / "scene3")
 
 
 def test_two_processes_make_the_same_of_the_same_seed(toy_config: Callable[..., DictConfig], tmp_path: Path) -> None:
@@ -36,9 +38,7 @@ def test_two_processes_make_the_same_of_the_same_seed(toy_config: Callable[..., 
     context = multiprocessing.get_context("forkserver")
     directories = [tmp_path / name for name in ("first", "second")]
     for directory in directories:
-        process = context.Process(
-            target=make, args=(OmegaConf.to_container(cfg, resolve=True), str(directory), build.TRUSTED)
-        )
+        process = context.Process(target=make, args=(OmegaConf.to_container(cfg, resolve=True), str(directory)))
         process.start()
         process.join()
         assert process.exitcode == 0

@@ -6,24 +6,20 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 from omegaconf import DictConfig
 
-from tests.collectors.test_collect import trusted_env
 from xqmap import train
 from xqmap.benchmarks.robustness import faults, interruptions
-from xqmap.config import build
 from xqmap.errors import Stopped
 from xqmap.runs import checkpoint
 from xqmap.trainers.trainer import Trainer
 
 pytestmark = [
     pytest.mark.sim,
-    pytest.mark.usefixtures("trust_toy"),
     pytest.mark.filterwarnings("ignore::FutureWarning"),
 ]
 SHORT = ("trainer.frames=27", "trainer.warmup_frames=6", "trainer.checkpoint_period=6", "collector.frames_per_batch=3")
@@ -57,8 +53,6 @@ def test_a_fault_stops_in_one_line_or_not_at_all_and_nothing_is_lost(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     cfg, directory, fault = toy_config(*SHORT), tmp_path / "run", faults.FAULTS[name]
-    if "collector" in fault.settings:
-        monkeypatch.setattr(build, "make_env", lambda cfg, first_scene: partial(trusted_env, cfg, first_scene))
     if not expected:
         (tmp_path / "alone").mkdir()
         trainer = Trainer(cfg, tmp_path / "alone")

@@ -15,18 +15,20 @@ from hydra import initialize_config_dir
 from omegaconf import DictConfig, OmegaConf
 
 from xqmap.benchmarks.robustness import fuzz, hostile
-from xqmap.config import build, cli
+from xqmap.config import build, plugins
 from xqmap.errors import UserError
 from xqmap.evaluation import results
+from xqmap.evaluation.run import evaluate_run
 from xqmap.explanations import Decision
 from xqmap.explanations.views import plots
-from xqmap.runs import checkpoint, commands
+from xqmap.runs import checkpoint
+from xqmap.runs.run import load_run
 
-ROOT = Path(cli.CONF).parent
+ROOT = plugins.CONF.parent
 
 
 @pytest.fixture
-def policy(toy_config: Callable[..., DictConfig], trust_toy: None, tmp_path: Path) -> Path:
+def policy(toy_config: Callable[..., DictConfig], tmp_path: Path) -> Path:
     """A run directory with an untrained policy of the toy world."""
     cfg = toy_config("qnet.width=2")
     facts = {
@@ -60,15 +62,15 @@ def test_nothing_that_settings_name_is_run_but_classes_of_our_own(tmp_path: Path
 def test_every_damaged_file_is_refused(policy: Path) -> None:
     tried, refused = hostile.refused_files(policy / checkpoint.POLICY, 50)
     assert tried == refused > 300
-    checkpoint.load_run(policy)
+    load_run(policy)
 
 
 def test_a_strangers_run_directory_is_safe_to_open(policy: Path, tmp_path: Path) -> None:
     marker = tmp_path / "was_run"
     for environment in hostile.settings(marker):
-        run = checkpoint.load_run(changed(policy, config__task__env=environment))
+        run = load_run(changed(policy, config__task__env=environment))
         with pytest.raises(UserError, match=r"task\.env"):
-            commands.evaluate_run(run, run.cfg.evaluation, tmp_path / "evaluation.json")
+            evaluate_run(run, run.cfg.evaluation, tmp_path / "evaluation.json")
     assert not marker.exists()
     assert not (tmp_path / "evaluation.json").exists()
 
@@ -91,7 +93,7 @@ def test_settings_in_a_file_are_checked_as_those_of_a_person(
     policy: Path, settings: dict[str, object], named: str
 ) -> None:
     with pytest.raises(UserError, match=named):
-        checkpoint.load_run(changed(policy, **settings))
+        load_run(changed(policy, **settings))
 
 
 def test_a_newer_file_asks_for_a_newer_program(policy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -196,7 +198,7 @@ def test_a_report_on_anything_is_written_or_refused_in_one_line(tmp_path: Path) 
 
 
 def test_any_overrides_are_taken_or_refused_in_one_line() -> None:
-    with initialize_config_dir(cli.CONF, version_base=None):
+    with initialize_config_dir(str(plugins.CONF), version_base=None):
         count = fuzz.overrides(60)
     assert 0 < count["refused"] <= count["cases"]
     assert count["crashes"] == 0

@@ -22,6 +22,7 @@ COMMANDS = ("train", "evaluate", "explain", "chat", "film", "report", "doctor", 
 def place(toy_config: Callable[..., DictConfig], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A current directory with a good decision, several bad ones, and a run of a world that is not to be trusted."""
     cfg = toy_config("qnet.width=2")
+    cfg.task.env._target_ = "tests.toy.Stranger"
     facts = {"config": OmegaConf.to_container(cfg, resolve=True), "pixel_size": 0.1, "noise": {}, "frames": 0}
     checkpoint.write(tmp_path / "run" / checkpoint.POLICY, build.qmaps(cfg, 0.1).state_dict(), facts)
     good = json.dumps(DECISION)

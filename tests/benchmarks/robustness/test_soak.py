@@ -15,9 +15,11 @@ from omegaconf import DictConfig, OmegaConf
 from tests.toy import ToyTask
 from xqmap.benchmarks.robustness import suite
 from xqmap.benchmarks.robustness.soak import soak
-from xqmap.config import cli
+from xqmap.config import plugins
 
-pytestmark = [pytest.mark.sim, pytest.mark.usefixtures("trust_toy")]
+pytestmark = [
+    pytest.mark.sim,
+]
 KEPT = ("files", "devices", "threads", "processes")
 
 
@@ -48,7 +50,7 @@ def test_a_world_that_keeps_memory_and_files_is_found_out(
 
 def test_fuzzing_counts_every_case(toy_config: Callable[..., DictConfig]) -> None:
     cfg = toy_config()
-    with initialize_config_dir(cli.CONF, version_base=None):
+    with initialize_config_dir(str(plugins.CONF), version_base=None):
         result = suite.fuzzed(cfg, OmegaConf.create(), 20)
     parts = ("decisions", "run_directories", "reports", "overrides")
     assert result["cases"] == sum(result[f"{part}_cases"] for part in parts) == 20

@@ -4,31 +4,29 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
 import pytest
-from omegaconf import OmegaConf
 
 from tests.talks import decision, dialogue
-from xqmap import chat
-from xqmap.config import cli
+from xqmap.config import plugins
+from xqmap.explanations.dialogue import scoring
 from xqmap.explanations.dialogue.conversation import Dialogue, saved_conversation, scene_line
 from xqmap.explanations.dialogue.grounding import ungrounded
 from xqmap.explanations.views.page import page
 from xqmap.explanations.views.sentences import wording_for
 
-QUESTIONS = Path(cli.CONF) / "explain" / "questions"
+QUESTIONS = plugins.CONF / "explain" / "questions"
 
 
 @pytest.mark.parametrize("task", ["landing", "grasping"])
 def test_fixed_questions_are_understood_answered_and_grounded(task: str) -> None:
-    questions: Any = OmegaConf.to_container(OmegaConf.load(QUESTIONS / f"{task}.yaml"))
+    questions = scoring.read(QUESTIONS / f"{task}.yaml")
     assert len(questions) >= 60
     talk = dialogue(task)
     for entry in questions:
-        exchange = talk.ask(entry["ask"])
+        exchange = talk.ask(entry.ask)
         assert not exchange.ungrounded, (entry, exchange)
-        assert chat.as_expected(exchange, entry), (entry, exchange)
+        assert scoring.as_expected(exchange, entry), (entry, exchange)
         assert exchange.answer[0].isupper() and exchange.answer.endswith((".", "?")), exchange.answer
 
 

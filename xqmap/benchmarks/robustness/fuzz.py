@@ -19,12 +19,14 @@ from omegaconf import DictConfig, OmegaConf
 from tqdm import tqdm
 
 from xqmap import explain, report
-from xqmap.config import cli, schema
+from xqmap.config import cli, plugins, schema
 from xqmap.explanations import Decision
 from xqmap.explanations.dialogue.conversation import Dialogue
 from xqmap.explanations.views.page import page
 from xqmap.explanations.views.sentences import wording_for
+from xqmap.files import write_atomically
 from xqmap.runs import checkpoint
+from xqmap.runs.run import load_run
 
 _HOSTILE = (
     "",
@@ -248,12 +250,12 @@ def run_directories(file: Path, folder: Path, cases: int) -> dict[str, int]:
 
     def check(case: Any) -> bool:
         if isinstance(case, bytes):
-            checkpoint.write_atomically(target, case)
+            write_atomically(target, case)
         elif isinstance(case, str):
             checkpoint.write(target, {name: value for name, value in tensors.items() if name != case}, facts)
         else:
             checkpoint.write(target, tensors, case)
-        return _refused(lambda: checkpoint.load_run(folder))
+        return _refused(lambda: load_run(folder))
 
     return _run(strategy, check, cases, "run directories")
 
@@ -270,7 +272,7 @@ def reports(folder: Path, cases: int) -> dict[str, int]:
         run / "metrics.csv": (None, _METRICS),
     }
     for path, (_, content) in whole.items():
-        checkpoint.write_atomically(path, content)
+        write_atomically(path, content)
     strategy = st.one_of(
         [
             st.tuples(st.just(path), st.binary(max_size=100) | (_bytes(changed(plain)) if plain else _spoiled(content)))
@@ -286,7 +288,7 @@ def reports(folder: Path, cases: int) -> dict[str, int]:
         form = "md" if made % _DRAWN else "html"
         made += 1
         told = {"runs": str(folder), "out": str(folder / f"report.{form}"), "format": form}
-        cfg = OmegaConf.merge(OmegaConf.load(Path(cli.CONF) / "report.yaml"), told)
+        cfg = OmegaConf.merge(OmegaConf.load(plugins.CONF / "report.yaml"), told)
         assert isinstance(cfg, DictConfig)
         try:
             with contextlib.redirect_stdout(io.StringIO()):

@@ -26,7 +26,7 @@ TARGETS = (
     "importlib.import_module",
     "hydra.utils.instantiate",
     "pathlib.Path.touch",
-    "tasks",
+    "xqmap_tasks",
     "xqmap.",
     "xqmap.nothing.There",
     "xqmap.config.cli.os.system",
@@ -35,11 +35,11 @@ TARGETS = (
     "xqmap.doctor.subprocess.Popen",
     "xqmap.config.build.instantiate",
     "xqmap.config.build.importlib.import_module",
-    "xqmap.runs.checkpoint.write_atomically",
+    "xqmap.files.write_atomically",
     "xqmap.runs.checkpoint.Path.touch",
     "xqmap.trainers.trainer.Trainer.save",
-    "tasks.landing.np.save",
-    "tasks.landing.torch.load",
+    "xqmap_tasks.landing.np.save",
+    "xqmap_tasks.landing.torch.load",
 )
 
 
@@ -49,7 +49,7 @@ def settings(marker: Path) -> Iterator[dict[str, Any]]:
     for target in TARGETS:
         evil = {"_target_": target, "_args_": [f"touch {marker}"]}
         yield evil
-        yield {"_target_": "tasks.landing.LandingEnv", "altitude": evil}
+        yield {"_target_": "xqmap_tasks.landing.LandingEnv", "altitude": evil}
         yield {"_target_": perception, "shapes": [{"deep": [evil]}]}
         yield {"_target_": perception, "_partial_": True, "more": {"_target_": perception, "_args_": [evil]}}
 

@@ -19,8 +19,9 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf
 from tqdm import tqdm
 
-from xqmap.config import build, schema
+from xqmap.config import schema
 from xqmap.runs import checkpoint
+from xqmap.trainers.trainer import Trainer
 
 # Where in the writing of a file the process dies: half of it is there, all of it under its working name, all of it in
 # its place.
@@ -30,23 +31,17 @@ FILES = ("policy", "best", "training")
 SABOTAGES = tuple((stage, file) for stage in STAGES for file in FILES)
 
 
-def attempt(
-    settings: dict[str, Any], directory: str, trusted: tuple[str, ...], sabotage: tuple[str, str] | None = None
-) -> None:
+def attempt(settings: dict[str, Any], directory: str, sabotage: tuple[str, str] | None = None) -> None:
     """Trains in ``directory``, or goes on there, to the end, in this process.
 
     Args:
         settings: a training's, as plain values.
         directory: the run directory.
-        trusted: packages a task may come from.
         sabotage: stage and file of a checkpoint at which this process kills itself; None lets it be.
     """
-    from xqmap.trainers.trainer import Trainer
-
     logging.getLogger("torchrl").setLevel(logging.WARNING)
     place = Path(directory)
     place.mkdir(parents=True, exist_ok=True)
-    build.TRUSTED = trusted  # type: ignore[assignment]
     if sabotage is not None:
         _die_at(*sabotage)
     with open(place.with_suffix(".log"), "a") as log, contextlib.redirect_stderr(log):
@@ -58,22 +53,19 @@ def attempt(
 
 
 def _die_at(stage: str, file: str) -> None:
-    save, replace = checkpoint.save_file, os.replace
+    replace = os.replace
 
-    def half(tensors: Any, path: Path, metadata: Any) -> None:
-        save(tensors, path, metadata)
-        if path.name.startswith(file):
-            if stage == "half":
-                os.truncate(path, path.stat().st_size // 2)
-            if stage != "moved":
-                os.kill(os.getpid(), signal.SIGKILL)
+    def replaced(source: Any, target: Any) -> None:
+        if not (Path(target).name.startswith(file) and Path(target).suffix == ".safetensors"):
+            replace(source, target)
+            return
+        if stage == "half":
+            os.truncate(source, os.stat(source).st_size // 2)
+        if stage == "moved":
+            replace(source, target)
+        os.kill(os.getpid(), signal.SIGKILL)
 
-    def moved(source: Any, target: Any) -> None:
-        replace(source, target)
-        if stage == "moved" and Path(target).name.startswith(file) and Path(target).suffix == ".safetensors":
-            os.kill(os.getpid(), signal.SIGKILL)
-
-    checkpoint.save_file, os.replace = half, moved  # type: ignore[assignment]
+    os.replace = replaced  # type: ignore[assignment]
 
 
 @contextlib.contextmanager
@@ -83,7 +75,7 @@ def training(cfg: DictConfig, directory: Path, sabotage: tuple[str, str] | None 
     # Imported once, in a process without threads that the attempts are forked from.
     context.set_forkserver_preload(["xqmap.trainers.trainer", "xqmap.benchmarks.robustness.interruptions"])
     settings = OmegaConf.to_container(cfg, resolve=True)
-    process = context.Process(target=attempt, args=(settings, str(directory), build.TRUSTED, sabotage))
+    process = context.Process(target=attempt, args=(settings, str(directory), sabotage))
     process.start()
     try:
         yield process
@@ -129,7 +121,7 @@ def kill_at_random(cfg: DictConfig, directory: Path, rng: random.Random, seconds
 def unharmed(directory: Path) -> int:
     """Bytes of files under their final names that do not read back whole: 0, if writing is atomic."""
     lost = 0
-    for path in (directory / checkpoint.POLICY).parent.glob("*.safetensors"):
+    for path in (directory / checkpoint.POLICY).parent.glob("[!.]*.safetensors"):
         try:
             checkpoint.read(path)
         except Exception:

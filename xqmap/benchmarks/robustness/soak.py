@@ -6,17 +6,18 @@ import gc
 import math
 import os
 import statistics
+from itertools import chain, count, islice
 from pathlib import Path
 from typing import Any
 
 import torch
 from omegaconf import DictConfig
 from tensordict import TensorDictBase
-from torchrl.envs.utils import step_mdp
 from tqdm import tqdm
 
 from xqmap import keys
 from xqmap.config import build
+from xqmap.envs.episode import episode
 from xqmap.evaluation import play
 from xqmap.models.policy import GreedyPolicy
 
@@ -66,12 +67,14 @@ def soak(cfg: DictConfig, see: DictConfig, rounds: int) -> dict[str, Any]:
     env = build.make_env(cfg, first_scene=play.training_scenes(cfg.seed))()
     policy, explore = GreedyPolicy(build.qmaps(cfg, env.grid.pixel_size)), build.exploration(cfg)
     warm, memory = held(), []
+
+    def choose(state: TensorDictBase) -> int:
+        with torch.no_grad():
+            return int(explore(policy(state))[keys.ACTION])
+
+    playing = chain.from_iterable(episode(env, choose) for _ in count())
     try:
-        state: TensorDictBase = env.reset()
-        for made in tqdm(range(rounds), unit="decision", desc="soaking"):
-            with torch.no_grad():
-                state = env.step(explore(policy(state)))
-            state = env.reset() if bool(state["next", keys.DONE]) else step_mdp(state)
+        for made, _ in enumerate(tqdm(islice(playing, rounds), total=rounds, unit="decision", desc="soaking")):
             memory.append(resident())
             if made == int(_WARM_UP * rounds):
                 warm = held()

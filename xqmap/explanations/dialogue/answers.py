@@ -8,7 +8,8 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from xqmap.explanations import contrast
-from xqmap.explanations.decision import Candidate, Decision, together
+from xqmap.explanations.candidate import Candidate, together
+from xqmap.explanations.decision import Decision
 from xqmap.explanations.dialogue import lookups
 from xqmap.explanations.dialogue.lookups import Answer, called, is_listed, wording
 from xqmap.explanations.dialogue.questions import Question
@@ -204,3 +205,6 @@ _ANSWERS: dict[str, Callable[[Question, Decision, Mapping[str, Any]], Answer]] =
     "what_if": _what_if,
     "q_value": _q_value,
 }
+
+# How a question can be taken.
+KINDS = (*_ANSWERS, "unknown")

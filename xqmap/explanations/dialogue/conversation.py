@@ -14,8 +14,9 @@ from typing import Any
 from xqmap.explanations.decision import Decision
 from xqmap.explanations.dialogue import answers
 from xqmap.explanations.dialogue.grounding import ungrounded
-from xqmap.explanations.dialogue.llm import LanguageModel, Message, Unanswered
+from xqmap.explanations.dialogue.llm import LanguageModel, Message
 from xqmap.explanations.dialogue.questions import Question, understand
+from xqmap.explanations.dialogue.replies import Unanswered, after_thoughts
 from xqmap.explanations.views.sentences import number, phrase, signed, wording_for
 
 # Questions and answers the model is reminded of.
@@ -73,7 +74,7 @@ class Dialogue:
                 for piece in self.model.complete(self.messages(text)):
                     pieces.append(printable(piece))
                     show(pieces[-1])
-                said = "".join(pieces).strip()
+                said = after_thoughts("".join(pieces))
                 if not said:
                     raise Unanswered("the model's answer was empty")
                 return self._keep(Exchange(text, said, "llm", ungrounded=ungrounded(said, self.decision, text)))

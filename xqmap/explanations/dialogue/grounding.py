@@ -8,27 +8,27 @@ import re
 from collections.abc import Iterable
 from functools import cache
 
+from xqmap.config import plugins
 from xqmap.explanations import contrast
 from xqmap.explanations.decision import Decision
-from xqmap.explanations.dialogue.naming import COLORS
 from xqmap.explanations.views import sentences
 from xqmap.explanations.views.sentences import number
 
 _NUMBER = re.compile(r"(?<![\w.])[+−-]?\d+(?:[.,]\d+)?%?")
 _LABEL = re.compile(r"\b(?:[Cc]andidate|[Pp]ixel|[Oo]ption)\s+([A-Z]{1,2})\b")
-_NOUNS = ("cube", "bowl", "block", "patch", "object")
+_NOUNS = ("patch", "object")
 # Words that stand before a thing without describing it.
 _NO_COLOR = re.compile(
-    r"the|an?|this|that|these|those|another|other|same|chosen|selected|best|any|each|every|which|my|your|its|no|not|one|two|only|both"
-    r"|of|than|to|on|or|and|with|as|by|for|is|was|i|see|like|three|four|five|six|seven|eight|nine|ten"
+    r"the|an?|this|that|these|those|another|other|same|chosen|selected|best|any|each|every|which|my|your|its|no|not"
+    r"|one|two|only|both|of|than|to|on|or|and|with|as|by|for|is|was|i|see|like|three|four|five|six|seven|eight|nine|ten"
 )
 
 
 @cache
-def _properties() -> frozenset[str]:
-    """What an answer may name as a property: the components of all tasks, and words of the plain wording."""
-    words = [sentences.wording_for(path.stem) for path in sentences.WORDING.glob("*.yaml")]
-    return frozenset(str(name) for wording in words for name in (*wording["components"], *wording["other_properties"]))
+def _known(*lists: str) -> list[str]:
+    """What an answer may make up: the words that these lists hold in the wordings of all tasks."""
+    words = [sentences.wording_for(task) for task in plugins.stems("explain", "wording")]
+    return sorted({str(name) for wording in words for names in lists for name in wording[names]})
 
 
 def numbers_of(decision: Decision) -> set[str]:
@@ -68,7 +68,7 @@ def ungrounded(answer: str, decision: Decision, question: str = "", extra: Itera
         bare = _bare(text)
         # A bare small whole number counts things ("two components", "the 3 candidates").
         counts = re.fullmatch(r"\d", bare) is not None
-        if not (counts or bare in asked or _known(bare, known)):
+        if not (counts or bare in asked or _is_one_of(bare, known)):
             found.append(text)
     labels = {candidate.label for candidate in decision.candidates}
     found += [
@@ -77,9 +77,10 @@ def ungrounded(answer: str, decision: Decision, question: str = "", extra: Itera
         if match.group(1) not in labels and match.group(0) not in question
     ]
     names = {candidate.object.lower() for candidate in (*decision.candidates, *decision.objects)}
-    nouns = "|".join(re.escape(noun) for noun in sorted({*_NOUNS, *(name.split()[-1] for name in names)}))
+    things = {*_NOUNS, *_known("other_things"), *(name.split()[-1] for name in names)}
+    nouns = "|".join(re.escape(noun) for noun in sorted(things))
     described_by = [set(name.split()) for name in names]
-    described = {word for name in described_by for word in name} | COLORS
+    described = {word for name in described_by for word in name} | {*_known("other_looks")}
     for match in re.finditer(rf"\b((?:[a-z]+ ){{1,2}}(?:{nouns}))s?\b", answer, re.IGNORECASE):
         words = match.group(1).lower().split()
         # What stands before the last article, or describes nothing that is known here, belongs to the sentence.
@@ -95,7 +96,7 @@ def ungrounded(answer: str, decision: Decision, question: str = "", extra: Itera
     own = " ".join([*decision.components, *names, question]).lower()
     found += [
         word
-        for word in _properties()
+        for word in _known("components", "other_properties")
         if word not in own and re.search(rf"\b{re.escape(word)}\b", answer, re.IGNORECASE)
     ]
     return found
@@ -105,7 +106,7 @@ def _bare(text: str) -> str:
     return text.lstrip("+-−").rstrip("%").replace(",", ".")
 
 
-def _known(bare: str, known: set[str]) -> bool:
+def _is_one_of(bare: str, known: set[str]) -> bool:
     """Whether a number is a known one, possibly rounded further."""
     if bare in known:
         return True

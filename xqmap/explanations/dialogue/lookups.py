@@ -8,8 +8,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from xqmap.explanations import contrast
-from xqmap.explanations.decision import SELECTED, Candidate, Decision, together
-from xqmap.explanations.dialogue.questions import NUMBERS, Question
+from xqmap.explanations.candidate import SELECTED, Candidate, together
+from xqmap.explanations.decision import Decision
+from xqmap.explanations.dialogue.factors import NUMBERS
+from xqmap.explanations.dialogue.questions import Question
 from xqmap.explanations.views.sentences import listed, number, phrase, sentence, the
 
 # An answer, and the numbers in it that were computed for it (values under other weights, counts).

@@ -6,42 +6,23 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
 
-from xqmap.explanations.decision import SELECTED, Candidate, Decision
+from xqmap.explanations.candidate import SELECTED, Candidate
+from xqmap.explanations.decision import Decision
 
 # Words that describe no thing.
 _PLAIN = frozenset(
-    (
-        "other",
-        "chosen",
-        "selected",
-        "best",
-        "next",
-        "first",
-        "second",
-        "same",
-        "right",
-        "left",
-        "which",
-        "one",
-        "another",
-        "any",
-        "only",
-        "least",
-        "most",
-        "worst",
-        "highest",
-        "lowest",
-        "better",
-    )
+    "other chosen selected best next first second same right left which one another any only least most worst highest "
+    "lowest better".split()
 )
-_SUPERLATIVES = frozenset(("least", "most", "best", "worst", "highest", "lowest"))
-COLORS = frozenset(("red", "orange", "yellow", "green", "blue", "purple", "gray", "black", "white", "brown", "pink"))
+_SUPERLATIVES = frozenset("least most best worst highest lowest".split())
 _VERBS = r"vs|versus|or|and|is|was|has|instead|rather|better|over"
 # What a thing is called that was chosen, and words after which something else is meant.
 _CHOSEN = (
-    r"\bselected\b|\byours\b|\byour (choice|pick|spot|target|object|cube|bowl|block|one)\b|\bthe (chosen|picked) \w+"
+    r"\bselected\b|\byours\b|\byour (choice|pick|spot|target|object|<things>|one)\b|\bthe (chosen|picked) \w+"
     r"|\b(the|that) (\w+ ){0,2}(that |which )?you(('| ha)ve)? (chose|chosen|picked|took|selected|went for)\b"
 )
 _TURN = re.compile(
@@ -51,6 +32,34 @@ _TURN = re.compile(
 )
 # A misspelled word is at least this long, and this like the right one.
 _SHORTEST, _LIKENESS = 4, 0.75
+
+
+@dataclass(frozen=True)
+class Vocabulary:
+    """Words for the things of a decision, and for those that its task's wording knows besides.
+
+    Attributes:
+        nouns: what a thing is called, the last word of its name.
+        looks: what describes a thing, the words before.
+    """
+
+    nouns: frozenset[str]
+    looks: frozenset[str]
+
+    @classmethod
+    def of(cls, decision: Decision, words: Mapping[str, Any]) -> Vocabulary:
+        """The words in the names of the decision's candidates and objects, and the wording's ``other_things`` and
+        ``other_looks``.
+        """
+        names = [candidate.object.lower().split() for candidate in (*decision.candidates, *decision.objects)]
+        return cls(
+            frozenset((*(name[-1] for name in names), *words["other_things"])),
+            frozenset((*(word for name in names for word in name[:-1]), *words["other_looks"])),
+        )
+
+    def within(self, pattern: str) -> str:
+        """A pattern in which ``<things>`` stands for any of the nouns."""
+        return pattern.replace("<things>", "|".join(re.escape(noun) for noun in sorted(self.nouns)))
 
 
 def plain(text: str) -> str:
@@ -74,7 +83,7 @@ def respelled(text: str, vocabulary: Iterable[str]) -> str:
     return re.sub(r"[a-z]+", likely, plain(text))
 
 
-def named(text: str, decision: Decision) -> list[Candidate]:
+def named(text: str, decision: Decision, vocabulary: Vocabulary) -> list[Candidate]:
     """The candidates and objects that a text names, in the decision's order.
 
     Where the chosen one and others answer to a name, the chosen one is meant, but after "not", "rather than" and their
@@ -82,16 +91,17 @@ def named(text: str, decision: Decision) -> list[Candidate]:
     """
     lowered = text.lower()
     turn = found.start() if (found := _TURN.search(lowered)) else len(lowered)
-    labels = [candidate for candidate in decision.candidates if _says_label(text, candidate.label)]
+    chosen = vocabulary.within(_CHOSEN)
+    labels = [candidate for candidate in decision.candidates if _says_label(text, candidate.label, chosen)]
     pool = [*decision.candidates, *decision.objects]
     # The longest names first, so that "red cube" is not looked for within "dark red cube".
-    rest, matching = re.sub(_CHOSEN, lambda match: ";" * len(match.group()), lowered), []
+    rest, matching = re.sub(chosen, lambda match: ";" * len(match.group()), lowered), []
     for name in sorted({candidate.object.lower() for candidate in pool}, key=len, reverse=True):
         for match in re.finditer(rf"(?<!\w){re.escape(name)}s?(?!\w)", rest):
             matching.append(_meant([c for c in pool if c.object.lower() == name], decision, match.start() < turn))
         rest = rest.replace(name, ";" * len(name))
     nouns = {candidate.object.lower().split()[-1] for candidate in pool} | {"one"}
-    for start, words in _phrases(rest, nouns) if missing(text, decision) is None else []:
+    for start, words in _phrases(rest, nouns) if missing(text, decision, vocabulary) is None else []:
         # "The red one", "the cube": the objects whose names hold most of these words.
         scores = [len(words & set(candidate.object.lower().split())) for candidate in pool]
         if best := [c for c, score in zip(pool, scores, strict=True) if score == max(scores) > 0]:
@@ -103,12 +113,12 @@ def named(text: str, decision: Decision) -> list[Candidate]:
     return sorted(those, key=lambda candidate: next((i for i, c in enumerate(pool) if c is candidate), 0))
 
 
-def missing(text: str, decision: Decision) -> str | None:
+def missing(text: str, decision: Decision, vocabulary: Vocabulary) -> str | None:
     """A thing the text names that is not in the scene ("the green cube" where no cube is green); None where there is
     none.
     """
     names = [candidate.object.lower().split() for candidate in (*decision.candidates, *decision.objects)]
-    nouns = {name[-1] for name in names} | {"one", "cube", "bowl", "block"}
+    nouns = vocabulary.nouns | {"one"}
     lowered = text.lower()
     letter = re.search(
         r"\b(?:not|than|candidate|pixel|option|versus|vs|or|and|of|about|with|is)\s+([B-HJ-Z])\b(?!['’])", text
@@ -134,7 +144,7 @@ def missing(text: str, decision: Decision) -> str | None:
             return " ".join([*described, match.group(2)])
     if (
         (bare := re.search(r"\bnot ([a-z]+)\W*$", lowered))
-        and bare.group(1) in COLORS
+        and bare.group(1) in vocabulary.looks
         and not any(bare.group(1) in name for name in names)
     ):
         return f"{bare.group(1)} thing"
@@ -148,7 +158,8 @@ def _phrases(text: str, nouns: set[str]) -> list[tuple[int, set[str]]]:
     found = []
     # Looked at ahead, so that "of the" in "the values of the red block" begins another.
     for match in re.finditer(
-        r"\b(?:the|that|an?|another|other|any|no|not|than|over|about|versus|or|and|with)\s+(?=((?:[a-z]+[\s?.!,]*){1,4}))",
+        r"\b(?:the|that|an?|another|other|any|no|not|than|over|about|versus|or|and|with)\s+"
+        r"(?=((?:[a-z]+[\s?.!,]*){1,4}))",
         text,
     ):
         words: set[str] = set()
@@ -165,9 +176,9 @@ def _phrases(text: str, nouns: set[str]) -> list[tuple[int, set[str]]]:
     return found
 
 
-def _says_label(text: str, label: str) -> bool:
+def _says_label(text: str, label: str, chosen: str) -> bool:
     if label == SELECTED:
-        return re.search(_CHOSEN, text.lower()) is not None
+        return re.search(chosen, text.lower()) is not None
     own, small = re.escape(label), re.escape(label.lower())
     if re.search(rf"\b(?:pixel|candidate|option|spot|point|label|action)\s+{small}(?!\w)", text.lower()):
         return True

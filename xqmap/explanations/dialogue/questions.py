@@ -7,93 +7,76 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from xqmap.explanations.decision import SELECTED, Candidate, Decision
-from xqmap.explanations.dialogue.naming import COLORS, missing, named, plain, respelled
+from xqmap.explanations.candidate import SELECTED, Candidate
+from xqmap.explanations.decision import Decision
+from xqmap.explanations.dialogue.factors import components_in, factor_in, factors_in
+from xqmap.explanations.dialogue.naming import Vocabulary, missing, named, plain, respelled
 
-# How each kind of question is recognised, in the order in which they are tried.
+# How each kind of question is recognised, in the order in which they are tried; <things> are the vocabulary's nouns.
 ASKS = {
     "self": r"\b(who|what) are you\b(?! (going|best))|\bwho made you\b|what are you doing|going on"
-    r"|how (were|did|do) you (trained|learn\w*|made|work)\b"
-    r"|\bneural\b|\bnetworks?\b|\bllm\b|\bgpt\b|language model|\ban? (ai|robot|human|bot)\b|your (job|task)\b",
+    r"|how (were|did|do) you (trained|learn\w*|made|work)\b|\bneural\b|\bnetworks?\b|\bllm\b|\bgpt\b|language model"
+    r"|\ban? (ai|robot|human|bot)\b|your (job|task)\b",
     "help": r"^(help|hello|hi|hey)\b|^$|what (can|could|may|should) (i|you)\b|what do you know|what do you mean\b",
-    "thanks": r"^(many )?(thanks|thank you)\b(?!.*\b(why|what|how)\b)|^(ok|okay|great|good|nice|cool|i see|got "
-    r"it|bye)$",
-    "what_if": r"\b(what|how) if\b|\bif\b|\bsuppose\b|\bimagine\b|\bassum|\bwithout\b|\bignor|\bwhat about "
-    r".*\b(twice|half|times)\b",
+    "thanks": r"^(many )?(thanks|thank you)\b(?!.*\b(why|what|how)\b)"
+    r"|^(ok|okay|great|good|nice|cool|i see|got it|bye)$",
+    "what_if": r"\b(what|how) if\b|\bif\b|\bsuppose\b|\bimagine\b|\bassum|\bwithout\b|\bignor"
+    r"|\bwhat about .*\b(twice|half|times)\b",
     "number": r"\b(what|which|where|why)\b.*\d[.,]\d|^[+-]?\d+[.,]\d+$",
-    "robust": r"\bflip|change your (mind|choice)|what would it take|\brobust|how close|turn the "
-    r"(choice|decision)|\bnarrow\b|\btight\b"
-    r"|(have|need|has) to (be|drop|change|fall|sink|shrink|rise|grow)\b|before you (would )?(change|choose|pick)"
-    r"|\bwhen would you\b|\bmake you (choose|pick|take|change)\b",
+    "robust": r"\bflip|change your (mind|choice)|what would it take|\brobust|how close|turn the (choice|decision)"
+    r"|\bnarrow\b|\btight\b|(have|need|has) to (be|drop|change|fall|sink|shrink|rise|grow)\b"
+    r"|before you (would )?(change|choose|pick)|\bwhen would you\b|\bmake you (choose|pick|take|change)\b",
     "chance": r"\bprobab|\bchances?\b|\blikely\b|\b(it|that|this) work\b|\bsucceed",
-    "sure": r"\b(un)?sure\b|\bcertain|\bconfiden|\btrust\b|\breliab|\bdoubt|toss-?up|\bnoise\b|\berrors?\b|\bclear "
-    r"(choice|winner|call)"
-    r"|\bclose call\b|\bhow far (ahead|behind|apart)\b|\bby how much\b|\bhow much better\b|\bmargin\b"
-    r"|\bmistaken?\b|\byou (be )?wrong\b",
+    "sure": r"\b(un)?sure\b|\bcertain|\bconfiden|\btrust\b|\breliab|\bdoubt|toss-?up|\bnoise\b|\berrors?\b"
+    r"|\bclear (choice|winner|call)|\bclose call\b|\bhow far (ahead|behind|apart)\b|\bby how much\b"
+    r"|\bhow much better\b|\bmargin\b|\bmistaken?\b|\byou (be )?wrong\b",
     "rdx": r"\b(rdx|msx)\b",
-    "q_value": r"\bq-?\s?(values?|maps?)\b|\boverall value\b.*\bmean|what('?s| is| does) (the|an|this) (overall "
-    r"value|sum|total|reward)\b"
-    r"|\bwhat('?s| is| are| does)( an?| the| your)?( \w+)? "
-    r"(components?|propert(y|ies)|decomposition)\b(?!.*\b(most|main|you|your|best)\b)"
+    "q_value": r"\bq-?\s?(values?|maps?)\b|\boverall value\b.*\bmean"
+    r"|what('?s| is| does) (the|an|this) (overall value|sum|total|reward)\b"
+    r"|\bwhat('?s| is| are| does)( an?| the| your)?( \w+)? (components?|propert(y|ies)|decomposition)\b"
+    r"(?!.*\b(most|main|you|your|best)\b)"
     r"|\bhow many (components|properties)|\bcombine\b|\bsum them\b|\badd (them|up)",
     "where": r"\bwhere\b|\bposition\b|\bcoordinates?\b|\blocation\b",
-    "who": r"^(what|who|which)('?s| is| does)? (the )?(candidate |pixel |option |letter |point |spot )?\w{1,2}( mean| "
-    r"stand for| here)?$"
+    "who": r"^(what|who|which)('?s| is| does)? (the )?(candidate |pixel |option |letter |point |spot )?"
+    r"\w{1,2}( mean| stand for| here)?$"
     r"|^tell me about (candidate |pixel |option )?\w{1,2}$",
     "meaning": r"\bmeans?\b|\bmeaning\b|\bdefin|stands? for|\bmeasure|what('?s| is| are) (a |an |the )?[\w-]+\??$",
-    "runner_up": r"second[- ]best|runner|next best|something else|anything else|anywhere else|somewhere else|another "
-    r"(one|place|spot)"
-    r"|\bpick next\b|\bcomes? (next|after)\b|\b(any|some)thing better\b|\bthere a better\b",
-    "most": r"\bworst\b|\b(lowest|least|highest|best|largest|most|top)\b|^(rank|order|sort) |^which \w+ "
-    r"(is|are|has|have)\b",
-    "component": r"\b(which|what)\b.*(component|propert|contribut|factor|matter|mostly|most\b|feature|criteri)|main "
-    r"reason|most important",
-    "contrastive": r"\bwhy\b.*\b(not|no|rather|instead|over|than|better)\b|\bwhy "
-    r"(did|do|have|are|was|is|could|would)n.?t\b|\bcompare"
-    r"|\bversus\b|\bvs\b|\bdifferen|\b(better|worse|best) (than|of)\b|\bwrong with\b|\bagainst\b|\binstead of\b"
+    "runner_up": r"second[- ]best|runner|next best|something else|anything else|anywhere else|somewhere else"
+    r"|another (one|place|spot)|\bpick next\b|\bcomes? (next|after)\b|\b(any|some)thing better\b|\bthere a better\b",
+    "most": r"\bworst\b|\b(lowest|least|highest|best|largest|most|top)\b|^(rank|order|sort) "
+    r"|^which \w+ (is|are|has|have)\b",
+    "component": r"\b(which|what)\b.*(component|propert|contribut|factor|matter|mostly|most\b|feature|criteri)"
+    r"|main reason|most important",
+    "contrastive": r"\bwhy\b.*\b(not|no|rather|instead|over|than|better)\b"
+    r"|\bwhy (did|do|have|are|was|is|could|would)n.?t\b|\bcompare|\bversus\b|\bvs\b|\bdifferen"
+    r"|\b(better|worse|best) (than|of)\b|\bwrong with\b|\bagainst\b|\binstead of\b"
     r"|\b(which|who|what)\b.* is (better|worse)\b",
-    "list": r"\b(what|which|who|list|show|name|how "
-    r"many)\b.*\b(candidates?|options?|alternatives?|choices|letters?|star)\b|what else",
-    "scene": r"^any\b|^(?!.*\bbest\b).*(what (do|can|did) you see|what('s| is| are) (there|in|on)\b|\b(is|are) "
-    r"there\b|\bdo you see\b"
-    r"|\bhow many\b.*\b(objects?|things?|blocks?|cubes?|bowls?|there|ones)\b"
-    r"|\b(what|which|list|name|show)( me)?( all)?( the)? "
-    r"(objects?|things?|blocks?|cubes?|bowls?|scene)\b)",
+    "list": r"\b(what|which|who|list|show|name|how many)\b.*"
+    r"\b(candidates?|options?|alternatives?|choices|letters?|star)\b|what else",
+    "scene": r"^any\b|^(?!.*\bbest\b).*(what (do|can|did) you see|what('s| is| are) (there|in|on)\b"
+    r"|\b(is|are) there\b|\bdo you see\b|\bhow many\b.*\b(objects?|things?|(<things>)s?|there|ones)\b"
+    r"|\b(what|which|list|name|show)( me)?( all)?( the)? (objects?|things?|(<things>)s?|scene)\b)",
     "component_of": r"\bhow\b|\bwhat\b|\bvalue\b|\brole\b|^(is|was|does|did|are)\b|\bscore|\btell me\b|\bmuch\b"
     r"|\bwhy (is|was)\b.*\b(high|low|negative|positive|zero|small|large)\b",
     "values": r"\bvalues?\b|\bhow good\b|\bscore|\bworth\b|\bnumbers?\b|\btell me about\b|\bwhat is\b|\bhow much\b",
-    "shallow": r"\bwhy\b|\bexplain|\breasons?\b|\bwhat made\b|\bhow come\b|what (did|do|will|have) you "
-    r"(choose|chosen|pick|select)"
-    r"|\bwhat is selected\b|\bjustify\b|which (one|object)? ?did you|\bwhat was your (choice|decision)\b|\bhow did "
-    r"you decide\b|\bbest\b",
+    "shallow": r"\bwhy\b|\bexplain|\breasons?\b|\bwhat made\b|\bhow come\b"
+    r"|what (did|do|will|have) you (choose|chosen|pick|select)|\bwhat is selected\b|\bjustify\b"
+    r"|which (one|object)? ?did you|\bwhat was your (choice|decision)\b|\bhow did you decide\b|\bbest\b",
 }
 # Words that are mended where they are misspelled, besides those of the scene and its components.
 _VOCABULARY = (
     "which difference different compare component property value values matter matters important certain counted "
-    "twice better instead",
-    "rather cube bowl block object",
+    "twice better instead rather object"
 )
-NUMBERS = ["zero", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten"]
-_FACTORS = {
-    r"n[o']t\b|n't\b|\b(do|does|did|is|was|were)nt\b|\bnothing\b|\bno longer\b"
-    r"|\bignor|\bwithout\b|\bremove|\bdrop|\bzero\b|\boff\b|\birrelevant": 0.0,
-    r"\bhalf\b|\bhalv": 0.5,
-    r"\bthird\b": 1 / 3,
-    r"\bquarter\b": 0.25,
-    r"\btwice\b|\bdoubl": 2.0,
-    r"\btripl|\bthrice\b": 3.0,
-    r"\bless\b|\bleast\b|\blower\b": 0.5,
-    r"\bmore\b|\bmost\b|\bhigher\b": 2.0,
-    r"\bsame\b|\bequal|\bas now\b": 1.0,
-}
-_WEIGHED = r"\bcount|\bmatter|\bweigh|\bimport|\bcare|\brelevan|\bvalue"
 _SUPPOSED = r"\bif\b|\bsuppose\b|\bimagine\b|\bassum|\bwithout\b"
 # Of the chosen one: that it could not be chosen.
 _GONE = (
     r"\b(no|gone|remov\w*|missing|taken|vanish\w*|blocked|disappear\w*|without|not there)\b"
     r"|\bcan('?t|not| not)\b|\bcould(n'?t| not)\b|n't there\b"
 )
-# What asks for a reason, not for an order.
+# What is put in order ...
+_RANKED = r"\bworst\b|\b(<things>|object|thing|option|candidate|spot|one)s?\b"
+# ... and what asks for a reason, not for an order.
 _NOT_RANKED = (
     r"\bwhy\b|important|matter|contribut|reason|factor|propert|component|criteri|differen|\bspeaks?\b"
     r"|\bmostly\b|\bat (most|least)\b"
@@ -103,18 +86,7 @@ _ANYTHING = r"objects?|things?|others?|rest|ones?|one|then|now|any"
 # Words of a question like "the red one?", which goes on with the one before.
 _SHORT = 5
 # Kinds that "and B?" can repeat for somebody else.
-_REPEATED = (
-    "who",
-    "contrastive",
-    "what_if",
-    "component",
-    "component_of",
-    "sure",
-    "robust",
-    "values",
-    "where",
-    "meaning",
-)
+_REPEATED = "who contrastive what_if component component_of sure robust values where meaning".split()
 
 
 @dataclass
@@ -149,32 +121,28 @@ def understand(text: str, decision: Decision, words: Mapping[str, Any], before: 
         words: the task's wording, for what components are called.
         before: the question before this one, which "and B?" refers back to.
     """
-    question = _read(text, decision, words, before)
+    vocabulary = Vocabulary.of(decision, words)
+    question = _read(text, decision, words, vocabulary, before)
     if question.kind not in ("unknown", "missing"):
         return question
-    known = [
-        *_VOCABULARY,
-        *COLORS,
-        *(c.object for c in (*decision.candidates, *decision.objects)),
-        *decision.components,
-    ]
-    mended = respelled(text, known + [word for name in decision.components for word in words["synonyms"].get(name, [])])
-    return question if mended == plain(text) else _read(mended, decision, words, before)
+    components = [name for own in decision.components for name in (own, *words["synonyms"].get(own, []))]
+    mended = respelled(text, [_VOCABULARY, *vocabulary.nouns, *vocabulary.looks, *components])
+    return question if mended == plain(text) else _read(mended, decision, words, vocabulary, before)
 
 
-def _read(text: str, decision: Decision, words: Mapping[str, Any], before: Question | None) -> Question:
+def _read(
+    text: str, decision: Decision, words: Mapping[str, Any], vocabulary: Vocabulary, before: Question | None
+) -> Question:
     said = plain(text)
-    about, things = (
-        named(text, decision),
-        {word for c in (*decision.candidates, *decision.objects) for word in c.object.lower().split()},
-    )
+    about = named(text, decision, vocabulary)
+    things = {word for c in (*decision.candidates, *decision.objects) for word in c.object.lower().split()}
     # "The color of the inclined block" is about color, "is it inclined" about flatness.
     apart = " ".join(word for word in said.split() if word not in things)
     mentioned = components_in(apart, decision.components, words) or components_in(said, decision.components, words)
     component = mentioned[0] if mentioned else None
     others = [candidate for candidate in about if candidate.label != SELECTED]
     supposed = re.search(_SUPPOSED, said) is not None
-    if (thing := missing(text, decision)) and not supposed:
+    if (thing := missing(text, decision, vocabulary)) and not supposed:
         return Question("missing", thing=thing)
     follows = re.search(r"^(and|what about|how about|or)\b", said) is not None
     if (
@@ -185,7 +153,11 @@ def _read(text: str, decision: Decision, words: Mapping[str, Any], before: Quest
     ):
         return again
     kind = next(
-        (kind for kind, pattern in ASKS.items() if re.search(pattern, said) and _fits(kind, said, about, component)),
+        (
+            kind
+            for kind, pattern in ASKS.items()
+            if re.search(vocabulary.within(pattern), said) and _fits(kind, said, about, component, vocabulary)
+        ),
         "unknown",
     )
     strange = [name for name in (*words["components"], *words["other_properties"]) if name not in decision.components]
@@ -234,7 +206,7 @@ def _read(text: str, decision: Decision, words: Mapping[str, Any], before: Quest
     return Question(kind, about if kind in ("component_of", "values", "where", "who") else others, component)
 
 
-def _fits(kind: str, said: str, about: list[Candidate], component: str | None) -> bool:
+def _fits(kind: str, said: str, about: list[Candidate], component: str | None, vocabulary: Vocabulary) -> bool:
     """Whether a pattern that matched can be meant, given who and what is named."""
     others = [candidate for candidate in about if candidate.label != SELECTED]
     if kind in ("component_of", "meaning"):
@@ -244,9 +216,7 @@ def _fits(kind: str, said: str, about: list[Candidate], component: str | None) -
     if kind == "who":
         return len(others) == 1 and others[0].label != others[0].object and component is None
     if kind == "most":
-        aimed = component is not None or re.search(
-            r"\bworst\b|\b(cube|bowl|block|object|thing|option|candidate|spot|one)s?\b", said
-        )
+        aimed = component is not None or re.search(vocabulary.within(_RANKED), said)
         superlative = component is not None or re.search(ASKS["most"].rpartition("|^which")[0], said)
         return bool(aimed and superlative) and not others and not re.search(_NOT_RANKED, said)
     if kind == "q_value":
@@ -267,7 +237,7 @@ def _again(said: str, before: Question, others: list[Candidate], component: str 
     if before.kind == "what_if":
         bare = re.search(r"\d+(?:[.,]\d+)?$", said)
         factor, known = (
-            float(bare.group().replace(",", ".")) if bare else _factor(said),
+            float(bare.group().replace(",", ".")) if bare else factor_in(said),
             next(iter(before.factors.values())),
         )
         if component is None and factor is None:
@@ -281,52 +251,3 @@ def _again(said: str, before: Question, others: list[Candidate], component: str 
         if component and before.kind in ("component_of", "meaning")
         else None
     )
-
-
-def components_in(said: str, components: Any, words: Mapping[str, Any]) -> list[str]:
-    """Those of the components that a plain text names, by their names or synonyms."""
-
-    def calls(name: str) -> list[str]:
-        return [name, str(words["components"].get(name, name)), *words["synonyms"].get(name, [])]
-
-    return [
-        str(name)
-        for name in components
-        if any(re.search(rf"\b{re.escape(call.lower())}\b", said) for call in calls(name))
-    ]
-
-
-def factors_in(said: str, decision: Decision, words: Mapping[str, Any]) -> dict[str, float]:
-    """How many times as much each component counts in a supposition: one clause at a time, so that two can change."""
-    factors: dict[str, float] = {}
-    for clause in re.split(r",(?!\d)|\band\b|\bbut\b|\bwhile\b", said):
-        name = next(iter(components_in(clause, decision.components, words)), None)
-        if name is None:
-            continue
-        if re.search(r"\b(only|just|nothing but|alone)\b", clause):
-            return {other: 0.0 for other in decision.components if other != name}
-        factor = _factor(clause)
-        if factor is None and re.search(_WEIGHED, clause):
-            continue
-        if factor is not None:
-            factors[name] = factor
-    if (
-        not factors
-        and (names := components_in(said, decision.components, words))
-        and (factor := _factor(said)) is not None
-    ):
-        factors[names[0]] = factor
-    return factors
-
-
-def _factor(said: str) -> float | None:
-    if share := re.search(r"(\d+(?:[.,]\d+)?)\s*(?:%|percent)\s*(more|less)?", said):
-        amount = float(share.group(1).replace(",", ".")) / 100
-        return {"more": 1 + amount, "less": max(0.0, 1 - amount)}.get(share.group(2), amount)
-    number = re.search(r"(-?\d+(?:[.,]\d+)?)\s*(?:times|x\b|as much)", said)
-    number = number or re.search(r"\b(?:weight|factor|count|weigh)\w*\b\D*?(-?\d+(?:[.,]\d+)?)", said)
-    if number:
-        return float(number.group(1).replace(",", "."))
-    if word := re.search(rf"\b({'|'.join(NUMBERS)}) times\b", said):
-        return float(NUMBERS.index(word.group(1)))
-    return next((factor for pattern, factor in _FACTORS.items() if re.search(pattern, said)), None)

@@ -7,7 +7,8 @@ import math
 from matplotlib.axes import Axes
 from matplotlib.patheffects import withStroke
 
-from xqmap.explanations.decision import SELECTED, Decision
+from xqmap.explanations.candidate import SELECTED
+from xqmap.explanations.decision import Decision
 
 # Points between the middles of labels and rings, where there is room.
 _APART = 14

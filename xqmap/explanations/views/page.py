@@ -5,17 +5,16 @@ without pictures.
 from __future__ import annotations
 
 import base64
-import io
 from collections.abc import Callable, Sequence
 from html import escape
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
 from xqmap.explanations.decision import Decision
 from xqmap.explanations.views import plots
 from xqmap.explanations.views.sentences import number, signed
+from xqmap.explanations.views.style import rendered
 
 _STYLE = Path(__file__).with_name("page.css").read_text(encoding="utf-8")
 
@@ -100,10 +99,7 @@ def _table(head: str, rows: list[str]) -> str:
 
 
 def _picture(draw: Callable[[], Figure], caption: str) -> str:
-    figure, buffer = draw(), io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=110, bbox_inches="tight")
-    plt.close(figure)
-    data = base64.b64encode(buffer.getvalue()).decode()
+    data = base64.b64encode(rendered(draw(), "png", dpi=110)).decode()
     caption = escape(caption, quote=True)
     return (
         f'<figure><img alt="{caption}" src="data:image/png;base64,{data}"><figcaption>{caption}</figcaption></figure>'

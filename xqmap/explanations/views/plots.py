@@ -1,6 +1,4 @@
-"""Charts of a decision. Colours are Okabe and Ito's, which colour-blind people can tell apart; a component keeps its
-own everywhere.
-"""
+"""Charts of a decision."""
 
 from __future__ import annotations
 
@@ -11,33 +9,17 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import matplotlib
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from xqmap.explanations.decision import SELECTED, Decision
+from xqmap.explanations.candidate import SELECTED
+from xqmap.explanations.decision import Decision
 from xqmap.explanations.views.marks import mark
 from xqmap.explanations.views.sentences import number, signed
-from xqmap.runs.checkpoint import replacing
-
-PALETTE = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#F0E442", "#000000")
-STYLE: Any = {
-    "font.size": 10,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.titlesize": 11,
-    "figure.dpi": 130,
-    "savefig.bbox": "tight",
-    "svg.hashsalt": "xqmap",
-    # A name is no formula, whatever dollar signs it has.
-    "text.parse_math": False,
-}
-
+from xqmap.explanations.views.style import PALETTE, drawing, rendered
+from xqmap.files import write_atomically
 
 # Behind a number that a line may cross.
 _CLEAR = {"fc": "white", "ec": "none", "pad": 0.4}
@@ -50,21 +32,20 @@ def color_of(decision: Decision, component: str) -> str:
 
 def qmaps(decision: Decision) -> Figure:
     """Part 1: the scene, each component's Q-Map and their sum over it, with the candidates marked."""
-    with plt.rc_context(STYLE):
+    with drawing():
         _require_maps(decision)
         panels, rows = _panels(decision)
-        figure = plt.figure(
-            figsize=(_panel_width(decision) * panels, _panel_height(decision) * rows), layout="constrained"
-        )
+        figure = Figure(figsize=(_panel_width(decision) * panels, _panel_height(decision) * rows), layout="constrained")
         _draw_maps(decision, figure)
         return figure
 
 
 def values(decision: Decision) -> Figure:
     """Part 2a: the component values of every candidate, side by side, and their sum."""
-    with plt.rc_context(STYLE):
+    with drawing():
         width = max(3.6, len(decision.candidates) * (0.7 + 0.2 * len(decision.components)))
-        figure, axis = plt.subplots(figsize=(1.8 + width, 3.4), layout="constrained")
+        figure = Figure(figsize=(1.8 + width, 3.4), layout="constrained")
+        axis = figure.subplots()
         _draw_values(decision, axis)
         _legend(decision, axis)
         return figure
@@ -74,19 +55,13 @@ def rdx(decision: Decision) -> Figure:
     """Part 2b: the differences Δ_k of every pair of candidates (beyond eight components, of the selected one with
     each).
     """
-    with plt.rc_context(STYLE):
+    with drawing():
         pairs = decision.pairs if len(decision.components) <= 8 else _own_pairs(decision)
         each = max(4, 40 // len(decision.components))
         rows = [pairs[i : i + each] for i in range(0, len(pairs), each)] or [[]]
         width = max(3.6, len(rows[0]) * (0.7 + 0.2 * len(decision.components)))
-        figure, axes = plt.subplots(
-            len(rows),
-            1,
-            figsize=(1.8 + width, 3.4 + 2.2 * (len(rows) - 1)),
-            layout="constrained",
-            sharey=True,
-            squeeze=False,
-        )
+        figure = Figure(figsize=(1.8 + width, 3.4 + 2.2 * (len(rows) - 1)), layout="constrained")
+        axes = figure.subplots(len(rows), 1, sharey=True, squeeze=False)
         for axis, row in zip(axes[:, 0], rows, strict=True):
             _draw_rdx(decision, axis, row)
             axis.set_xlim(-0.6, len(rows[0]) - 0.4)
@@ -108,8 +83,8 @@ def bars(decision: Decision) -> Figure:
         >>> [axis.get_title() for axis in figure.axes]
         ['Values of each candidate', 'Differences (RDX): above zero speaks for the first']
     """
-    with plt.rc_context(STYLE):
-        figure = plt.figure(figsize=_bars_size(decision), layout="constrained")
+    with drawing():
+        figure = Figure(figsize=_bars_size(decision), layout="constrained")
         _draw_bars(decision, figure)
         return figure
 
@@ -118,7 +93,7 @@ def overview(decision: Decision, dialogue: list[tuple[str, str]] | None = None) 
     """The whole explanation as one figure: maps, bars, sentences, and a piece of a dialogue
     ``[(question, answer), …]``.
     """
-    with plt.rc_context(STYLE):
+    with drawing():
         panels, map_rows = _panels(decision)
         bars_width, bars_height = _bars_size(decision)
         width = max(11.0 if len(decision.components) > 1 else 8.0, _panel_width(decision) * panels, bars_width)
@@ -133,7 +108,7 @@ def overview(decision: Decision, dialogue: list[tuple[str, str]] | None = None) 
             (title, 0.45 + 0.19 * sum(1 + line.count("\n") for line in lines))
             for title, lines in zip(titles, wrapped, strict=False)
         ]
-        figure = plt.figure(figsize=(width, sum(height for _, height in parts)), layout="constrained")
+        figure = Figure(figsize=(width, sum(height for _, height in parts)), layout="constrained")
         made = figure.subfigures(len(parts), 1, height_ratios=[height for _, height in parts], squeeze=False)[:, 0]
         drawn = list(made)
         for part, (title, _) in zip(made, parts, strict=True):
@@ -155,8 +130,9 @@ def overview(decision: Decision, dialogue: list[tuple[str, str]] | None = None) 
 
 def over_time(decisions: Sequence[Decision]) -> Figure:
     """How the values of what was chosen move over an episode: one line per component, and their sum."""
-    with plt.rc_context(STYLE):
-        figure, axis = plt.subplots(figsize=(max(6.0, 1.8 + 0.62 * len(decisions)), 3.2), layout="constrained")
+    with drawing():
+        figure = Figure(figsize=(max(6.0, 1.8 + 0.62 * len(decisions)), 3.2), layout="constrained")
+        axis = figure.subplots()
         steps = [decision.step + 1 for decision in decisions]
         first = decisions[0]
         for name, marker in zip(first.components, itertools.cycle("o^Dv"), strict=False):
@@ -182,13 +158,9 @@ def over_time(decisions: Sequence[Decision]) -> Figure:
 def save(figure: Figure, path: Path) -> list[Path]:
     """Writes a figure as PNG and SVG; returns the paths."""
     paths = [path.with_suffix(".png"), path.with_suffix(".svg")]
-    with plt.rc_context(STYLE):
-        for target in paths:
-            with replacing(target) as beside:
-                figure.savefig(
-                    beside, format=target.suffix[1:], metadata={"Date": None} if target.suffix == ".svg" else None
-                )
-    plt.close(figure)
+    # Without a date: equal figures are equal files.
+    for target, options in zip(paths, ({}, {"metadata": {"Date": None}}), strict=True):
+        write_atomically(target, rendered(figure, target.suffix[1:], **options))
     return paths
 
 

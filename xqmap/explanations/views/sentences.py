@@ -6,16 +6,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from omegaconf import OmegaConf
 
-import conf
+from xqmap.config import plugins
 from xqmap.explanations import contrast
-from xqmap.explanations.decision import SELECTED, Candidate, Decision, together
+from xqmap.explanations.candidate import SELECTED, Candidate, together
 
-WORDING = Path(conf.__path__[0]) / "explain" / "wording"
+if TYPE_CHECKING:
+    from xqmap.explanations.decision import Decision
 
 
 def number(value: float) -> str:
@@ -37,10 +37,8 @@ def listed(words: Sequence[str]) -> str:
 
 def wording_for(task: str) -> dict[str, Any]:
     """The templates of a task (``conf/explain/wording``), or the plain ones."""
-    own = WORDING / f"{task}.yaml"
-    plain = OmegaConf.load(WORDING / "plain.yaml")
-    # A task's name may come from a stranger's file: only a plain name can point into the folder.
-    merged = OmegaConf.merge(plain, OmegaConf.load(own)) if task.isidentifier() and own.exists() else plain
+    own = [plugins.find("explain", "wording", f"{name}.yaml") for name in ("plain", task)]
+    merged = OmegaConf.merge(*(OmegaConf.load(path) for path in own if path))
     return {key: value for key, value in OmegaConf.to_container(merged).items() if key != "defaults"}  # type: ignore[union-attr, misc]
 
 

@@ -1,0 +1,125 @@
+"""A training that can be played and explained: its settings and its policy, loaded without running code of its own."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from omegaconf import DictConfig, OmegaConf
+
+from xqmap.config import build, plugins, schema
+from xqmap.errors import UserError
+from xqmap.models.policy import GreedyPolicy
+from xqmap.runs import checkpoint
+
+# Run directories that ship with the package: ``run=pretrained/<task>``.
+PRETRAINED = Path(__file__).parents[1] / "pretrained"
+
+
+def locate(run: str | Path) -> Path:
+    """The directory of a run; ``pretrained/<task>`` is one that ships with the package, unless there is such a
+    directory here.
+
+    Raises:
+        UserError: if no agent of that name ships.
+    """
+    path = Path(run)
+    if path.exists() or len(path.parts) != 2 or path.parts[0] != PRETRAINED.name:
+        return path
+    shipped = sorted(entry.parent.parent.name for entry in PRETRAINED.glob(f"*/{checkpoint.POLICY}"))
+    if path.name not in shipped:
+        raise UserError(
+            f"run={path}: no such agent ships with xqmap; {', '.join(shipped) or 'none'} do, make pretrained trains "
+            "them"
+        )
+    return PRETRAINED / path.name
+
+
+def home(place: str | Path) -> Path:
+    """Where what is made from a run belongs: its directory, the folder of the same name beside a single policy file,
+    or, of an agent that ships with the package, the current directory.
+    """
+    place = locate(place)
+    if place.resolve().is_relative_to(PRETRAINED):
+        return Path()
+    return place.with_suffix("") if place.suffix == ".safetensors" else place
+
+
+@dataclass
+class Run:
+    """A training: its settings, its policy, its values' typical error by component, where it lies, and the decisions
+    learned from.
+    """
+
+    directory: Path
+    cfg: DictConfig
+    policy: GreedyPolicy
+    noise: dict[str, float]
+    sha256: str
+    decisions: int
+
+
+def load_run(place: str | Path) -> Run:
+    """The policy of a run directory, or of one policy file. Its settings come from the file's own metadata; nothing in
+    it is executed.
+
+    Raises:
+        UserError: if there is no readable policy.
+    """
+    place = locate(place)
+    file = place if place.suffix == ".safetensors" else place / checkpoint.POLICY
+    tensors, facts = checkpoint.read(file)
+    cfg = stored_settings(facts, file)
+    misfit = f"{file} does not fit its own settings"
+    try:
+        decisions = int(facts["frames"])
+        pixel_size, noise = (
+            float(facts["pixel_size"]),
+            {str(name): float(value) for name, value in facts["noise"].items()},
+        )
+    except (KeyError, TypeError, ValueError, OverflowError, AttributeError) as error:
+        raise UserError(f"{misfit} ({error}): train again") from None
+    if not (math.isfinite(pixel_size) and pixel_size > 0 and all(map(math.isfinite, noise.values()))):
+        raise UserError(f"{misfit} (pixel size or noise is not a number above 0): train again")
+    try:
+        # Without memory first: settings of a stranger could ask for more than there is.
+        if build.shapes(cfg, pixel_size) != {name: tensor.shape for name, tensor in tensors.items()}:
+            raise UserError(f"{misfit} (its tensors are not those of its network): train again")
+        network = build.qmaps(cfg, pixel_size)
+        network.load_state_dict(tensors)
+    except (RuntimeError, ValueError, TypeError, OverflowError) as error:
+        raise UserError(f"{misfit} ({str(error).splitlines()[0][:200]}): train again") from None
+    return Run(home(place), cfg, GreedyPolicy(network).eval(), noise, facts["sha256"], decisions)
+
+
+def stored_settings(facts: dict[str, Any], file: Path) -> DictConfig:
+    """The training's configuration, as stored beside the tensors of ``file``: typed, in range, plain values only.
+
+    Raises:
+        UserError: if it is anything else.
+    """
+    stored = facts.get("config")
+    if not isinstance(stored, dict) or not _plain(stored):
+        raise UserError(f"{file} carries no readable settings: train again")
+    try:
+        cfg = schema.typed(OmegaConf.create(stored))
+        schema.validate(cfg, playing=True)
+    except UserError as error:
+        raise UserError(f"{file}: {error}") from None
+    # Its world is the installed one of that name, wherever that was when this was trained.
+    named = cfg.task.env.get("_target_") if isinstance(cfg.task.env, DictConfig) else None
+    known = plugins.worlds().get(cfg.task.name)
+    if known and isinstance(named, str) and named.rpartition(".")[2] == known.rpartition(".")[2]:
+        cfg.task.env["_target_"] = known
+    return cfg
+
+
+def _plain(value: Any) -> bool:
+    """Whether settings hold no ``${...}``, which could read this machine's environment."""
+    if isinstance(value, dict):
+        return all(_plain(name) and _plain(entry) for name, entry in value.items())
+    if isinstance(value, list):
+        return all(map(_plain, value))
+    return not (isinstance(value, str) and "${" in value)
