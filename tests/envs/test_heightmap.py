@@ -114,6 +114,18 @@ def test_of_equally_high_points_the_first_wins_whichever_way_it_is_computed() ->
     assert 0 < (plain[:3].any(0) & (plain[3] == 0)).sum()
 
 
+def test_the_number_of_threads_is_what_it_was() -> None:
+    before = torch.get_num_threads()
+    try:
+        torch.set_num_threads(3)
+        heightmap(*cameras(0, 1, 8, 8), GRID)
+        with pytest.raises(ValueError, match="heightmap needs"):
+            heightmap(*cameras(0, 1, 8, 8)[:3], torch.eye(3), GRID)
+        assert torch.get_num_threads() == 3
+    finally:
+        torch.set_num_threads(before)
+
+
 def test_many_points_of_one_cell_take_several_passes() -> None:
     color, depth, intrinsics, pose = cameras(7, 3, 240, 320)
     several = heightmap(color, depth, intrinsics, pose, GRID)

@@ -13,7 +13,8 @@ ray · depth + origin in single precision, rounded after the product and after t
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -108,6 +109,18 @@ def metres(depth: Tensor | np.ndarray, depth_unit: float | None = None) -> Tenso
     return found if depth_unit == 1 else found / (1 / depth_unit)
 
 
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """On a processor, passes are so short that threads which wait for each other cost more than they save."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
+
+
+@_one_thread()
 def heightmap(
     color: Tensor | np.ndarray,
     depth: Tensor | np.ndarray,
