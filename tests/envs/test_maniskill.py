@@ -38,6 +38,37 @@ def test_nothing_to_see_matters_only_where_a_choice_is_to_be_made(blind_after: i
     assert not bool(last[keys.ACTION_MASK].any())
 
 
+class Measuring(ToyTask):
+    """Its camera gives whole numbers of ``unit`` (m), with a hole in the corner."""
+
+    unit, kind = 0.001, torch.uint16
+
+    def _observation(self):  # type: ignore[no-untyped-def]
+        seen = super()._observation()
+        depth = seen["sensor_data"]["above"]["depth"] / self.unit
+        depth[0, 0, 0] = torch.iinfo(self.kind).max
+        seen["sensor_data"]["above"]["depth"] = depth.to(self.kind)
+        return seen
+
+
+@pytest.mark.parametrize("kind", [torch.int16, torch.uint16, torch.int32])
+def test_whole_numbers_are_millimetres_and_the_largest_is_a_hole(
+    kind: torch.dtype, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Measuring, "kind", kind)
+    whole, measured = (ManiSkillEnv(task).reset() for task in (ToyTask, Measuring))
+    hole = (measured[keys.HEIGHTMAP] == 0).all(0)
+    assert int(hole.sum()) == 1
+    assert not bool(measured[keys.ACTION_MASK][hole.flatten()])
+    assert torch.equal(measured[keys.HEIGHTMAP][:, ~hole], whole[keys.HEIGHTMAP][:, ~hole])
+
+
+def test_an_empty_map_tells_how_depth_was_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Measuring, "unit", 0.01)
+    with pytest.raises(WorldError, match=r"heightmap is empty.* read in mm, of others in m; above: torch.uint16\)"):
+        ManiSkillEnv(Measuring).reset()
+
+
 def test_weights_go_by_name_and_components_are_those_of_the_world(toy_config: Callable[..., DictConfig]) -> None:
     cfg = toy_config()
     cfg.task.weights = {"right": 2.0, "left": 1.0}

@@ -16,7 +16,7 @@ def plain_heightmap(
     color: np.ndarray, depth: np.ndarray, intrinsics: np.ndarray, pose: np.ndarray, grid: PixelGrid
 ) -> np.ndarray:
     """``[4, H, W]`` as Ravens describes it: per camera unproject, keep what is inside, write in order of z; the highest
-    camera wins.
+    camera wins. Of equals the first pixel, where Ravens leaves it open. ``depth`` in metres.
     """
     low, high = np.array(grid.bounds).T
     heights, colors = [], []
@@ -27,20 +27,20 @@ def plain_heightmap(
             ((u - k[0, 2]) * metres / k[0, 0], (v - k[1, 2]) * metres / k[1, 1], metres), axis=-1
         ).reshape(-1, 3)
         points = (to_world @ np.column_stack((points, np.ones(len(points)))).T).T[:, :3]
-        kept = ((points >= low) & (points < high)).all(1)
+        kept = ((points >= low) & (points < high)).all(1) & (metres.reshape(-1) > 0)
         points, shades = points[kept], image.reshape(-1, 3)[kept]
-        order = np.argsort(points[:, 2], kind="stable")
+        order = len(points) - 1 - np.argsort(points[::-1, 2], kind="stable")
         points, shades = points[order], shades[order]
         column = np.floor((points[:, 0] - low[0]) / grid.pixel_size).astype(int).clip(0, grid.shape[1] - 1)
         row = np.floor((points[:, 1] - low[1]) / grid.pixel_size).astype(int).clip(0, grid.shape[0] - 1)
-        height, shade = np.zeros(grid.shape), np.zeros((*grid.shape, 3))
+        height, shade = np.full(grid.shape, -1.0), np.zeros((*grid.shape, 3))
         height[row, column] = points[:, 2] - low[2]
         shade[row, column] = shades
         heights.append(height)
         colors.append(shade)
     winner = np.argmax(heights, axis=0)
     color_of_winner = np.take_along_axis(np.array(colors), winner[None, ..., None], axis=0)[0]
-    return np.concatenate((color_of_winner.transpose(2, 0, 1), np.max(heights, axis=0)[None]))
+    return np.concatenate((color_of_winner.transpose(2, 0, 1), np.max(heights, axis=0)[None].clip(0)))
 
 
 def plain_unet(unet: UNet, image: Tensor) -> Tensor:

@@ -15,7 +15,7 @@ from torchrl.envs import EnvBase
 
 from xqmap import keys
 from xqmap.envs.guard import guarded
-from xqmap.envs.heightmap import PixelGrid, heightmap
+from xqmap.envs.heightmap import PixelGrid, heightmap, metres
 from xqmap.envs.protocol import Task
 from xqmap.errors import UserError, WorldError
 
@@ -115,11 +115,10 @@ class ManiSkillEnv(EnvBase):
         images, parameters = observation["sensor_data"], observation["sensor_param"]
         names = list(images)
         color = torch.cat([torch.as_tensor(images[name]["rgb"]) for name in names])
-        depth = torch.cat([torch.as_tensor(images[name]["depth"]) for name in names])[..., 0]
-        metres = depth.float() / 1000 if depth.dtype == torch.int16 else depth.float()
+        depth = torch.cat([metres(images[name]["depth"]) for name in names])[..., 0]
         intrinsics = torch.cat([torch.as_tensor(parameters[name]["intrinsic_cv"]) for name in names]).float()
         world_to_camera = torch.cat([torch.as_tensor(parameters[name]["extrinsic_cv"]) for name in names]).float()
-        fused = heightmap(color[..., :3], metres, intrinsics, _inverse(world_to_camera), self.grid)
+        fused = heightmap(color[..., :3], depth, intrinsics, _inverse(world_to_camera), self.grid)
         # Rounded as the replay buffer stores it, so that the policy learns from what it sees.
         fused[3] = fused[3].half().float()
         if not bool(fused.isfinite().all()):
@@ -129,7 +128,11 @@ class ManiSkillEnv(EnvBase):
         points = self.grid.to_point(torch.from_numpy(cells), fused[3].reshape(-1)).numpy()
         seen = (fused != 0).any(0).reshape(-1)
         if not bool(seen.any()) and not over:
-            raise WorldError("the heightmap is empty: no camera sees anything of the workspace")
+            kinds = ", ".join(f"{name}: {images[name]['depth'].dtype}" for name in names)
+            raise WorldError(
+                "the heightmap is empty: no camera sees anything of the workspace (depth of integer types is read in "
+                f"mm, of others in m; {kinds})"
+            )
         mask = seen & torch.as_tensor(np.asarray(self.task.reachable(points)), dtype=torch.bool)
         self._fuse_seconds += time.perf_counter() - start
         return {keys.HEIGHTMAP: fused, keys.ACTION_MASK: mask}

@@ -41,8 +41,8 @@ class Task(Protocol):
             ``render_mode="rgb_array"``.
 
     ``reset`` and ``step`` return ManiSkill's own observation (``sensor_data`` with ``rgb`` and ``depth`` per camera,
-    ``sensor_param`` with ``intrinsic_cv`` and ``extrinsic_cv``). ``step`` takes the point ``[3]`` in world metres; its
-    ``info`` carries
+    whole numbers in millimetres, others in metres; ``sensor_param`` with ``intrinsic_cv`` and ``extrinsic_cv``).
+    ``step`` takes the point ``[3]`` in world metres; its ``info`` carries
 
     - ``reward_components``: ``[1, K]`` float, the sub-rewards r_k in [0, 1], unweighted;
     - ``reward_available``: ``[1]`` float, the highest Σ_k w_k r_k any action would have had in the state the action was
