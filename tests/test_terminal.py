@@ -92,7 +92,7 @@ def test_control_characters_are_not_said() -> None:
     terminal.say("a\x1b[31mred\x1b[0m\x07\rb\u202e", "second\nline", end="!", to=told)
     assert told.getvalue() == "ared  b  second\nline!"
     assert terminal.one_line(" a\n\x1b]0;title\x07\t b\u2028") == "a ]0;title b"
-    assert brief(ValueError("one\x1b[2J\ntwo\x00")) == "one two"
+    assert brief(ValueError("one\x1b[2J\ntwo\x00")) == "one [2J two"
 
 
 def test_nothing_stands_in_for_what_stands_in(capsys: pytest.CaptureFixture[str]) -> None:

@@ -25,14 +25,13 @@ from omegaconf import DictConfig, OmegaConf
 from tensordict import TensorDictBase
 
 from xqmap import doctor, keys
-from xqmap.config import build, plugins, schema
+from xqmap.config import arguments, build, plugins, schema
 from xqmap.envs.maniskill import ManiSkillEnv
 from xqmap.errors import UserError
 from xqmap.explanations import Decision
 from xqmap.explanations.dialogue.conversation import Dialogue
 from xqmap.explanations.views import plots
 from xqmap.explanations.views.sentences import wording_for
-from xqmap.files import write_atomically
 from xqmap.runs import checkpoint, locks
 from xqmap.runs.decide import cell, decide_on
 from xqmap.runs.run import Run, load_run
@@ -147,7 +146,7 @@ def learn(task: str, *changes: str, out: str | Path) -> Run:
         UserError: if ``out`` holds a run, or a setting is refused.
     """
     # Late: it brings wandb and all that draws, a second that loading and asking need not wait for.
-    from xqmap.trainers.trainer import Trainer
+    from xqmap.trainers import training
 
     cfg, directory = settings(task, *changes), Path(out)
     if (directory / checkpoint.POLICY).exists():
@@ -155,10 +154,5 @@ def learn(task: str, *changes: str, out: str | Path) -> Run:
     doctor.require_rendering()
     directory.mkdir(parents=True, exist_ok=True)
     with locks.alone(directory):
-        trainer = Trainer(cfg, directory)
-        write_atomically(directory / ".hydra" / "config.yaml", OmegaConf.to_yaml(cfg).encode())
-        try:
-            trainer.run()
-        finally:
-            trainer.close()
+        training.train(cfg, directory, None, {"config": cfg}, arguments.command("train", resume=directory))
     return load(directory)

@@ -28,7 +28,7 @@ from xqmap.errors import UserError, WorkerLost
 from xqmap.models.policy import GreedyPolicy
 from xqmap.runs import checkpoint
 from xqmap.runs.run import load_run
-from xqmap.trainers.trainer import Trainer
+from xqmap.trainers.callbacks import make_trainer
 
 pytestmark = [pytest.mark.sim, pytest.mark.filterwarnings("ignore")]
 make_env = build.make_env
@@ -88,7 +88,7 @@ def test_a_parallel_run_trains_goes_on_and_loses_nothing_stored(
     assert first.updates > 0
     tensors, facts = checkpoint.read_training(run_directory)
     facts["config"]["trainer"]["frames"] = 40
-    second = Trainer(config("replay=prioritized", "trainer.frames=40"), run_directory, (tensors, facts))
+    second = make_trainer(config("replay=prioritized", "trainer.frames=40"), run_directory, (tensors, facts))
     assert len(second.replay) == stored
     assert all(torch.equal(value, second.replay.contents()[name]) for name, value in first.replay.contents().items())
     second.run()
@@ -100,7 +100,7 @@ def test_a_dead_worker_is_named_and_what_was_learned_is_saved(
     config: Callable[..., DictConfig], run_directory: Path
 ) -> None:
     run_directory.mkdir()
-    trainer = Trainer(config("trainer.frames=1000"), run_directory)
+    trainer = make_trainer(config("trainer.frames=1000"), run_directory)
     step = trainer._step
 
     def killing(batch):  # type: ignore[no-untyped-def]
@@ -153,7 +153,7 @@ def test_a_simulator_that_fails_in_a_worker_ends_the_run_saved(
 ) -> None:
     monkeypatch.setattr(build, "make_env", lambda cfg, first_scene: partial(failing_env, cfg, first_scene))
     run_directory.mkdir()
-    trainer = Trainer(config("collector=ordered", "trainer.frames=1000"), run_directory)
+    trainer = make_trainer(config("collector=ordered", "trainer.frames=1000"), run_directory)
     with pytest.raises(WorkerLost, match="worker"):
         trainer.run()
     trainer.close()

@@ -130,6 +130,31 @@ def test_the_command_that_goes_on_with_a_run_can_be_pasted(monkeypatch: pytest.M
     assert read(pasted) == str(run)
 
 
+@pytest.mark.parametrize("given", [["++resume=run"], ["+resume=run", "++seed=77"], ["resume=run", "seed=77"]])
+def test_resume_in_whatever_form_opens_no_other_directory(given: list[str]) -> None:
+    arguments = ["train", *given]
+    if len(given) > 1:
+        with pytest.raises(SystemExit, match="no other setting"):
+            cli.resume_in_place(arguments)
+    else:
+        cli.resume_in_place(arguments)
+        assert "hydra.run.dir=." in arguments
+
+
+def test_a_run_that_another_process_writes_is_not_read_to_go_on_from(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "run").mkdir()
+    read: list[Path] = []
+    monkeypatch.setattr(train.checkpoint, "read_training", read.append)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["train", "resume=run"])
+    cli.resume_in_place(sys.argv)
+    with train.locks.alone(tmp_path / "run"), pytest.raises(SystemExit, match="another process"):
+        train.main()
+    assert not read
+
+
 def given_to(config: str, monkeypatch: pytest.MonkeyPatch, *given: str) -> DictConfig:
     """What a command with the settings of ``conf/<config>.yaml`` is called with."""
     called: list[DictConfig] = []

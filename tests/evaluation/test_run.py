@@ -10,7 +10,7 @@ from omegaconf import DictConfig
 
 from xqmap.evaluation.run import evaluate_run
 from xqmap.runs.run import load_run
-from xqmap.trainers.trainer import Trainer
+from xqmap.trainers.callbacks import Checkpoints, make_trainer
 
 
 @pytest.mark.sim
@@ -19,8 +19,8 @@ def test_a_strangers_names_move_no_cursor(
 ) -> None:
     cfg = toy_config("evaluation.seeds=[0]", "evaluation.choices=2")
     run_directory.mkdir()
-    trainer = Trainer(cfg, run_directory)
-    trainer.save()
+    trainer = make_trainer(cfg, run_directory)
+    Checkpoints().save(trainer)
     trainer.close()
     run = load_run(run_directory)
     # A file that bears such a name is not read; what prints does not rely on that.

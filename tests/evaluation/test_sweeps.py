@@ -81,7 +81,7 @@ def test_what_is_done_is_not_done_again_and_what_was_interrupted_goes_on(
         steps[0] += 1
         # The second job is asked to stop in the middle.
         if steps[0] == 6 + 3:
-            self._stop(2, None)
+            self.stopped_by = 2
         return step(self, batch)
 
     monkeypatch.setattr(Trainer, "_step", stepping)

@@ -30,7 +30,7 @@ from xqmap.reports.runs import Run, gather
 from xqmap.runs import locks
 from xqmap.runs.decide import decide
 from xqmap.runs.run import load_run
-from xqmap.trainers.trainer import Trainer
+from xqmap.trainers.callbacks import make_trainer
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +51,7 @@ def sweep(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
                 directory = root / f"{task}-{method}-{seed}"
                 (directory / ".hydra").mkdir(parents=True)
                 OmegaConf.save(cfg, directory / ".hydra" / "config.yaml")
-                trainer = Trainer(cfg, directory)
+                trainer = make_trainer(cfg, directory)
                 trainer.run()
                 trainer.close()
                 result = evaluate_run(directory, cfg.evaluation, directory / "evaluation.json")

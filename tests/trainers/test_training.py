@@ -19,6 +19,7 @@ from xqmap.evaluation import baselines, play
 from xqmap.evaluation.run import evaluate_run
 from xqmap.runs import checkpoint
 from xqmap.runs.run import home, load_run
+from xqmap.trainers.callbacks import make_trainer
 from xqmap.trainers.trainer import Trainer
 
 pytestmark = [
@@ -29,7 +30,7 @@ pytestmark = [
 
 def train(cfg: DictConfig, directory: Path, resume: bool = False) -> Trainer:
     directory.mkdir(exist_ok=True)
-    trainer = Trainer(cfg, directory, checkpoint.read_training(directory) if resume else None)
+    trainer = make_trainer(cfg, directory, checkpoint.read_training(directory) if resume else None)
     trainer.run()
     trainer.close()
     return trainer
@@ -145,7 +146,7 @@ def test_a_run_that_was_interrupted_ends_like_one_that_was_not(
     train(cfg, tmp_path / "whole")
 
     (tmp_path / "part").mkdir()
-    part = Trainer(cfg, tmp_path / "part")
+    part = make_trainer(cfg, tmp_path / "part")
     step = part._step
 
     def interrupted(batch):  # type: ignore[no-untyped-def]
@@ -166,6 +167,18 @@ def test_a_run_that_was_interrupted_ends_like_one_that_was_not(
         "training-000048.safetensors",
         "training-000039.safetensors",
     ]
+
+
+def test_a_run_goes_on_with_the_threads_it_had(toy_config: Callable[..., DictConfig], run_directory: Path) -> None:
+    before = torch.get_num_threads()
+    try:
+        torch.set_num_threads(2)
+        train(toy_config(), run_directory)
+        torch.set_num_threads(1)
+        train(toy_config(), run_directory, resume=True)
+        assert torch.get_num_threads() == 2
+    finally:
+        torch.set_num_threads(before)
 
 
 def rows(directory: Path) -> list[dict[str, str]]:
@@ -232,7 +245,7 @@ def test_runs_end_by_choices_or_by_a_sum(toy_config: Callable[..., DictConfig]) 
 
 def test_nan_in_the_loss_stops_with_one_line(toy_config: Callable[..., DictConfig], run_directory: Path) -> None:
     run_directory.mkdir()
-    trainer = Trainer(toy_config(), run_directory)
+    trainer = make_trainer(toy_config(), run_directory)
     with torch.no_grad():
         trainer.loss.value_network_params.apply(lambda p: p.data.fill_(float("nan")))
     with pytest.raises(UserError, match=r"trainer\.learning_rate"):

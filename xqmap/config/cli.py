@@ -144,9 +144,8 @@ def resume_in_place(arguments: list[str]) -> None:
     Raises:
         SystemExit: if other settings stand beside ``resume``; a run goes on as it was started.
     """
-    resumed = next(
-        (argument.removeprefix("resume=") for argument in arguments[1:] if argument.startswith("resume=")), None
-    )
+    given = [argument.lstrip("+") for argument in arguments[1:]]
+    resumed = next((argument.removeprefix("resume=") for argument in given if argument.startswith("resume=")), None)
     if resumed and resumed != "null":
         if len(arguments) > 2:
             sys.exit("error: resume=DIR goes on with the settings the run was started with: give no other setting")

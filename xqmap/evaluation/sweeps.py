@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 from typing import Any
@@ -11,12 +12,13 @@ from omegaconf import DictConfig, OmegaConf
 from torch import Tensor
 
 from xqmap.errors import UserError
-from xqmap.evaluation import results, tables
-from xqmap.evaluation.run import settings_of
+from xqmap.evaluation import results, sheets, tables
+from xqmap.evaluation.file import evaluation_file
+from xqmap.evaluation.run import evaluate_run, settings_of
 from xqmap.evaluation.swept import differing, flat, shown
 from xqmap.files import write_atomically
 from xqmap.runs import checkpoint
-from xqmap.runs.run import Run, stored_settings
+from xqmap.runs.run import Run, load_run, stored_settings
 from xqmap.terminal import one_line, say
 
 # Settings that no trained weight depends on.
@@ -64,6 +66,27 @@ def saved(directory: Path, cfg: DictConfig) -> tuple[dict[str, Tensor], dict[str
             "away"
         )
     return found
+
+
+def evaluate(cfg: DictConfig, directory: Path, again: bool) -> float:
+    """Plays the policy of a run as it was trained and on ``cfg.sheets``; unless ``again``, only what was not played
+    yet.
+
+    Returns:
+        The share of best choices as it was trained.
+    """
+    trained, means = dataclasses.replace(load_run(directory), cfg=cfg), []
+    for sheet in [None, *sheets.chosen(cfg.task.name, cfg.sheets)]:
+        run = sheets.applied(trained, sheets.load(cfg.task.name, sheet) if sheet else {})
+        path = evaluation_file(directory, sheet)
+        played = None if again else evaluated(path, run)
+        if played:
+            say(f"{path} is complete: not played again")
+        else:
+            known = None if again else baselines(directory.parent, run)
+            played = evaluate_run(run, run.cfg.evaluation, path, sheet, known)
+        means.append(float(played["success"]["mean"]))
+    return means[0]
 
 
 def evaluated(path: Path, run: Run) -> dict[str, Any] | None:

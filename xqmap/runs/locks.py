@@ -16,9 +16,12 @@ def alone(directory: Path) -> Iterator[None]:
     """Holds a run directory, so that no second process writes to it.
 
     Raises:
-        UserError: if another process holds it.
+        UserError: if another process holds it, or it does not exist.
     """
-    handle = os.open(directory, os.O_RDONLY)
+    try:
+        handle = os.open(directory, os.O_RDONLY)
+    except FileNotFoundError:
+        raise UserError(f"there is no run directory {directory}") from None
     try:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)

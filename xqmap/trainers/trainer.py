@@ -1,39 +1,57 @@
-"""The training loop: collect decisions, remember them, learn from batches of them, log, save."""
+"""The training loop: collect decisions, remember them, learn from batches of them, log. All else hangs on it: see
+:mod:`xqmap.trainers.callbacks`.
+"""
 
 from __future__ import annotations
 
 import math
-import signal
-import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
-import numpy as np
 import torch
 from omegaconf import DictConfig, OmegaConf
-from tensordict import TensorDict, TensorDictBase
+from tensordict import TensorDictBase
 from tensordict.nn import TensorDictSequential
 from torch import Tensor
 from torchrl.objectives import HardUpdate
-from tqdm import tqdm
 
-from xqmap import keys, launch
+from xqmap import keys
 from xqmap.collectors import collect
 from xqmap.config import build
-from xqmap.errors import Stopped, UserError, WorkerLost
+from xqmap.errors import UserError, WorkerLost
 from xqmap.evaluation.play import training_scenes
-from xqmap.evaluation.statistics import wilson
-from xqmap.explanations import Decision
-from xqmap.explanations.perception import Scene
-from xqmap.explanations.views import plots
 from xqmap.models.policy import GreedyPolicy
 from xqmap.objectives.kept import Kept
-from xqmap.runs import checkpoint
 from xqmap.trainers import randomness
 from xqmap.trainers.logger import Log
 from xqmap.trainers.tracker import Tracker
+
+Saved = tuple[dict[str, Tensor], dict[str, Any]]
+
+
+class Callback:
+    """What hangs on a training. Of each batch of decisions all callbacks hear in their order."""
+
+    def start(self, trainer: Trainer) -> None:
+        """The first decision is about to be made."""
+
+    def step(self, trainer: Trainer, row: dict[str, float]) -> None:
+        """A batch of decisions was learned from; ``row`` is what was logged of it."""
+
+    def lost(self, trainer: Trainer) -> None:
+        """A worker was lost; what came before is whole."""
+
+    def end(self, trainer: Trainer) -> None:
+        """Training is over, however it ended; :meth:`start` may not have been reached."""
+
+    def facts(self) -> dict[str, Any]:
+        """What a checkpoint keeps of this callback: JSON."""
+        return {}
+
+    def restore(self, facts: dict[str, Any]) -> None:
+        """The inverse of :meth:`facts`, of a whole checkpoint's."""
 
 
 class Trainer:
@@ -43,21 +61,23 @@ class Trainer:
         cfg: validated settings.
         directory: the run directory; it exists and can be written.
         saved: tensors and facts of the checkpoint to go on from (``checkpoint.read_training``); None begins.
+        callbacks: what hangs on it.
     """
 
     def __init__(
-        self, cfg: DictConfig, directory: Path, saved: tuple[dict[str, Tensor], dict[str, Any]] | None = None
+        self, cfg: DictConfig, directory: Path, saved: Saved | None = None, callbacks: Sequence[Callback] = ()
     ) -> None:
         collect.outlive_the_terminal()
-        self.cfg, self.directory = cfg, directory
+        self.cfg, self.directory, self.callbacks = cfg, directory, callbacks
         torch.manual_seed(cfg.seed)
         self.device = build.device(cfg)
-        self.frames = self.updates = self.next_checkpoint = self.next_picture = self.saved_frames = 0
-        self.best = -1.0
+        self.frames = self.updates = self.saved_frames = 0
         # Actions of the present episode: played again in its scene, they lead to the present state.
         self.unfinished: list[int] = []
         self.seconds = {"infer": 0.0, "update": 0.0}
+        # Number of the signal that asked to stop; whether this is the last batch.
         self.stopped_by: int | None = None
+        self.over = False
         # Running mean of |TD error|, by Q-Map: how far its values are typically off.
         self.noise: dict[str, float] = {}
 
@@ -86,7 +106,7 @@ class Trainer:
         self.log = Log(directory, cfg, self._columns(), self.frames, saved[1]["wandb_id"] if saved else None)
 
     def run(self) -> GreedyPolicy:
-        """Trains to ``trainer.frames`` decisions, or until a signal asks to stop; saves either way.
+        """Trains to ``trainer.frames`` decisions, or until ``stopped_by`` is set.
 
         Returns:
             The greedy policy as learned.
@@ -94,85 +114,77 @@ class Trainer:
         if self.frames >= self.cfg.trainer.frames:
             self.log.close()
             return self.greedy
-        drawn = randomness.states(self._generators())
+        drawn = randomness.states(self.generators())
         explored = self.exploration.frames.clone()
         policy, alone = TensorDictSequential(self.greedy, self.exploration), self.cfg.collector.name == "single"
         collector = collect.collector(self.cfg, self.env, policy, self.frames)
         # A new collector tries the policy once; that must not use up random numbers, or a resumed run would differ.
         self.exploration.frames.copy_(explored)
-        randomness.restore(drawn, self._generators())
-        handlers = {number: signal.signal(number, self._stop) for number in (signal.SIGINT, *launch.stopping())}
-        start, already = time.perf_counter(), self.frames
+        randomness.restore(drawn, self.generators())
+        start = time.perf_counter()
         try:
-            with tqdm(
-                total=self.cfg.trainer.frames, initial=already, unit="decision", desc="training", mininterval=1.0
-            ) as bar:
-                for batch in collect.batches(collector, self.cfg.collector):
-                    row = self._step(batch.reshape(-1))
-                    if not alone:
-                        self.exploration.frames.fill_(self.frames)
-                        collect.share(collector, policy)
-                    row["seconds"] = time.perf_counter() - start
-                    self.log.row(row)
-                    if self.frames >= self.next_picture:
-                        self._draw()
-                    bar.set_postfix(best=f"{self.tracker.success:.0%}", ε=f"{self.exploration.eps:.2f}", refresh=False)
-                    bar.update(self.frames - bar.n)
-                    over = self.stopped_by or self.frames >= self.cfg.trainer.frames
-                    if over or self.frames >= self.next_checkpoint:
-                        self.save()
-                    if over:
-                        break
+            for callback in self.callbacks:
+                callback.start(self)
+            for batch in collect.batches(collector, self.cfg.collector):
+                row = self._step(batch.reshape(-1))
+                if not alone:
+                    self.exploration.frames.fill_(self.frames)
+                    collect.share(collector, policy)
+                row["seconds"] = time.perf_counter() - start
+                self.log.row(row)
+                self.over = self.stopped_by is not None or self.frames >= self.cfg.trainer.frames
+                for callback in self.callbacks:
+                    callback.step(self, row)
+                if self.over:
+                    break
         except WorkerLost:
-            self.save()
+            for callback in self.callbacks:
+                callback.lost(self)
             raise
         finally:
-            for number, handler in handlers.items():
-                signal.signal(number, handler)
+            for callback in self.callbacks:
+                callback.end(self)
             collect.close(collector, alone)
             self.log.close()
         return self.greedy
 
-    def save(self) -> None:
-        """Writes the policy to hand out, keeps the best, and writes everything needed to go on."""
-        self.next_checkpoint = self.frames + self.cfg.trainer.checkpoint_period
-        facts: dict[str, Any] = {
-            "config": OmegaConf.to_container(self.cfg, resolve=True),
-            "pixel_size": self.env.grid.pixel_size,
-        }
-        facts |= {"frames": self.frames, "noise": self.noise, "success": self.tracker.success}
-        checkpoint.write(self.directory / checkpoint.POLICY, self.network.state_dict(), facts)
-        # By the lower end of the interval, so that four lucky decisions are not the best there were.
-        low, _ = wilson(int(sum(self.tracker.correct)), len(self.tracker.correct))
-        if low >= self.best:
-            self.best = low
-            checkpoint.write(self.directory / checkpoint.BEST, self.network.state_dict(), facts)
+    def state(self) -> Saved:
+        """Everything needed to go on: tensors, and facts that are JSON."""
         tensors: dict[str, Tensor] = {
             f"loss/{name}": value for name, value in self.loss.state_dict().items() if isinstance(value, Tensor)
         }
         for i, state in self.optimizer.state_dict()["state"].items():
             tensors |= {f"optimizer/{i}/{name}": value for name, value in state.items()}
         parts = {
-            "random": randomness.states(self._generators()),
+            "random": randomness.states(self.generators()),
             "replay": self.replay.contents(),
             "tracker": self.tracker.state_dict(),
             "kept": self.kept.state_dict(),
         }
         tensors |= {f"{part}/{name}": value for part, contents in parts.items() for name, value in contents.items()}
-        facts |= {
+        facts: dict[str, Any] = self.facts() | {
             "updates": self.updates,
             "scene": self.env.scene_seed,
             "unfinished": self.unfinished,
             "explored": int(self.exploration.frames),
             "cursor": self.replay.cursor,
             "target_age": self.target_updater.counter,
-            "next_picture": self.next_picture,
-            "best": self.best,
             "wandb_id": self.log.wandb_id,
+            "threads": torch.get_num_threads(),
         }
-        checkpoint.write(self.directory / checkpoint.TRAINING.format(self.frames), tensors, facts)
-        checkpoint.prune(self.directory, self.frames, self.cfg.trainer.keep_last)
-        self.saved_frames = self.frames
+        for callback in self.callbacks:
+            facts |= callback.facts()
+        return tensors, facts
+
+    def facts(self) -> dict[str, Any]:
+        """What belongs beside the weights that are handed out."""
+        return {
+            "config": OmegaConf.to_container(self.cfg, resolve=True),
+            "pixel_size": self.env.grid.pixel_size,
+            "frames": self.frames,
+            "noise": self.noise,
+            "success": self.tracker.success,
+        }
 
     def close(self) -> None:
         """Frees the simulator."""
@@ -227,7 +239,7 @@ class Trainer:
         return losses.detach()
 
     def _restore(self, tensors: dict[str, Tensor], facts: dict[str, Any]) -> None:
-        """The inverse of :meth:`save`; the world goes on in the middle of the episode it was in."""
+        """The inverse of :meth:`state`; the world goes on in the middle of the episode it was in."""
         names = ("loss", "optimizer", "random", "replay", "tracker", "kept")
         parts: dict[str, dict[str, Tensor]] = {name: {} for name in names}
         for name, tensor in tensors.items():
@@ -243,31 +255,20 @@ class Trainer:
         self.tracker.load_state_dict(parts["tracker"])
         self.kept.load_state_dict(parts["kept"])
         self.frames = self.saved_frames = facts["frames"]
-        self.updates, self.noise, self.best = facts["updates"], facts["noise"], facts["best"]
+        self.updates, self.noise = facts["updates"], facts["noise"]
         self.exploration.frames.fill_(facts["explored"])
         self.target_updater.counter = facts["target_age"]
         self.unfinished = [int(action) for action in facts["unfinished"]]
         self.env.unfinished = list(self.unfinished)
-        self.next_checkpoint = self.frames + self.cfg.trainer.checkpoint_period
-        self.next_picture = facts["next_picture"]
-        randomness.restore(parts["random"], self._generators())
+        for callback in self.callbacks:
+            callback.restore(facts)
+        randomness.restore(parts["random"], self.generators())
+        # Sums are taken in another order by another number of threads, and the weights would be others.
+        torch.set_num_threads(facts.get("threads", torch.get_num_threads()))
 
-    def _generators(self) -> dict[str, torch.Generator]:
+    def generators(self) -> dict[str, torch.Generator]:
+        """What it draws from, beside the global ones."""
         return {"replay": self.replay.generator, "exploration": self.exploration.generator}
-
-    def _draw(self) -> None:
-        """The Q-Maps as they are now, over the first scene that was remembered."""
-        self.next_picture = self.frames + self.cfg.trainer.picture_period
-        image = self.replay.first().to(self.device)
-        cells = np.full(image.shape[-2:], -1)
-        scene = Scene([], cells, self.env.task.BACKGROUND, self.env.grid.bounds, image[3].cpu().numpy())
-        state = TensorDict({keys.HEIGHTMAP: image, keys.ACTION_MASK: (image != 0).any(0).flatten()})
-        decision = Decision.from_policy(
-            self.greedy, state, scene, task=self.cfg.task.name, components=self.cfg.method.components
-        )
-        path = self.directory / "figures" / f"qmaps{self.frames:06d}"
-        path.parent.mkdir(exist_ok=True)
-        self.log.picture("qmaps", plots.save(plots.qmaps(decision), path)[0], self.frames)
 
     def _time_policy(self) -> None:
         started = [0.0]
@@ -277,13 +278,6 @@ class Trainer:
 
         self.greedy.register_forward_pre_hook(lambda *_: started.__setitem__(0, time.perf_counter()))
         self.greedy.register_forward_hook(stop)
-
-    def _stop(self, number: int, frame: FrameType | None) -> None:
-        if self.stopped_by is None:
-            self.stopped_by = number
-            tqdm.write("stopping when this step is saved; once more: at once", file=sys.stderr)
-        elif number != signal.SIGHUP:  # of which a shell and the system both send one
-            raise Stopped(number)
 
     def _shares(self) -> dict[str, float]:
         seconds = {**self.env.seconds, **self.seconds}

@@ -7,15 +7,15 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 from omegaconf import DictConfig
 
-from xqmap import train
 from xqmap.benchmarks.robustness import faults, interruptions
 from xqmap.errors import Stopped
 from xqmap.runs import checkpoint
+from xqmap.trainers import training
+from xqmap.trainers.callbacks import make_trainer
 from xqmap.trainers.trainer import Trainer
 
 pytestmark = [
@@ -55,7 +55,7 @@ def test_a_fault_stops_in_one_line_or_not_at_all_and_nothing_is_lost(
     cfg, directory, fault = toy_config(*SHORT), tmp_path / "run", faults.FAULTS[name]
     if not expected:
         (tmp_path / "alone").mkdir()
-        trainer = Trainer(cfg, tmp_path / "alone")
+        trainer = make_trainer(cfg, tmp_path / "alone")
         trainer.run()
         expected["weights"] = weights(tmp_path / "alone")
     if name in faults.ON_A_DISK:
@@ -110,10 +110,8 @@ def test_a_signal_ends_a_training_saved_and_says_how_to_go_on(
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Trainer, "_step", signaled)
-        patch.setattr(train, "_write_settings", lambda *_: None)
-        patch.setattr(train, "HydraConfig", SimpleNamespace(get=lambda: SimpleNamespace(mode=None)))
         with pytest.raises(Stopped) as stopped:
-            train._train(cfg, run_directory, None)
+            training.train(cfg, run_directory, None, {}, "the command")
     assert 128 + stopped.value.number == status
-    assert f"go on from decision 12 with: python -m xqmap.train resume={run_directory}" in capsys.readouterr().out
+    assert "go on from decision 12 with: the command" in capsys.readouterr().out
     assert checkpoint.trainings(run_directory)[0].name == "training-000012.safetensors"

@@ -21,6 +21,7 @@ from xqmap.benchmarks.robustness.interruptions import unharmed
 from xqmap.benchmarks.robustness.soak import children
 from xqmap.errors import UserError
 from xqmap.runs import checkpoint
+from xqmap.trainers.callbacks import Checkpoints, make_trainer
 from xqmap.trainers.trainer import Trainer
 
 
@@ -146,13 +147,14 @@ def _kill_wandb(trainer: Trainer, at: int) -> None:
 
 def _after_save(act: Callable[[Path], Any]) -> Callable[[Trainer, int], None]:
     def inject(trainer: Trainer, at: int) -> None:
-        save = trainer.save
+        checkpoints = next(callback for callback in trainer.callbacks if isinstance(callback, Checkpoints))
+        save = checkpoints.save
 
-        def then() -> None:
-            save()
+        def then(trainer: Trainer) -> None:
+            save(trainer)
             act(trainer.directory)
 
-        trainer.save = then  # type: ignore[method-assign]
+        checkpoints.save = then  # type: ignore[method-assign]
 
     return inject
 
@@ -227,7 +229,7 @@ def suffer(cfg: DictConfig, directory: Path, fault: Fault) -> tuple[bool, int, s
     """
     directory.mkdir(parents=True, exist_ok=True)
     cfg = OmegaConf.merge(cfg, fault.settings)  # type: ignore[assignment]
-    trainer, line = Trainer(cfg, directory), ""
+    trainer, line = make_trainer(cfg, directory), ""
     fault.inject(trainer, cfg.trainer.frames // 2)
     try:
         trainer.run()
@@ -240,7 +242,7 @@ def suffer(cfg: DictConfig, directory: Path, fault: Fault) -> tuple[bool, int, s
     whole = len(line.splitlines()) <= 1
     if line:
         saved = trainer.saved_frames
-        trainer = Trainer(cfg, directory, checkpoint.read_training(directory))
+        trainer = make_trainer(cfg, directory, checkpoint.read_training(directory))
         whole = whole and len(trainer.replay) == min(saved, cfg.replay.capacity)
         trainer.run()
         trainer.close()

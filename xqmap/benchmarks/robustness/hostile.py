@@ -37,7 +37,7 @@ TARGETS = (
     "xqmap.config.build.importlib.import_module",
     "xqmap.files.write_atomically",
     "xqmap.runs.checkpoint.Path.touch",
-    "xqmap.trainers.trainer.Trainer.save",
+    "xqmap.trainers.callbacks.Checkpoints.save",
     "xqmap_tasks.landing.np.save",
     "xqmap_tasks.landing.torch.load",
 )

@@ -21,7 +21,7 @@ from tqdm import tqdm
 
 from xqmap.config import schema
 from xqmap.runs import checkpoint
-from xqmap.trainers.trainer import Trainer
+from xqmap.trainers.callbacks import make_trainer
 
 # Where in the writing of a file the process dies: half of it is there, all of it under its working name, all of it in
 # its place.
@@ -47,7 +47,7 @@ def attempt(settings: dict[str, Any], directory: str, sabotage: tuple[str, str] 
     with open(place.with_suffix(".log"), "a") as log, contextlib.redirect_stderr(log):
         saved = checkpoint.read_training(place) if checkpoint.trainings(place) else None
         cfg = schema.typed(OmegaConf.create(settings))
-        trainer = Trainer(cfg, place, saved)
+        trainer = make_trainer(cfg, place, saved)
         trainer.run()
         trainer.close()
 
@@ -73,7 +73,7 @@ def training(cfg: DictConfig, directory: Path, sabotage: tuple[str, str] | None 
     """A process that runs :func:`attempt`; killed at the latest when the block ends."""
     context = multiprocessing.get_context("forkserver")
     # Imported once, in a process without threads that the attempts are forked from.
-    context.set_forkserver_preload(["xqmap.trainers.trainer", "xqmap.benchmarks.robustness.interruptions"])
+    context.set_forkserver_preload(["xqmap.trainers.callbacks", "xqmap.benchmarks.robustness.interruptions"])
     settings = OmegaConf.to_container(cfg, resolve=True)
     process = context.Process(target=attempt, args=(settings, str(directory), sabotage))
     process.start()
