@@ -17,7 +17,7 @@ _SPELLING = {"−": "-", "–": "-", "—": "-", "±": "+-", "÷": "/", "×": "x
 
 def printable(text: str) -> str:
     """Text without control characters, which could move a terminal's cursor or hide what is said; line breaks stay."""
-    # A color goes wholly, or its rest would stand in front of the word it was for; of all others one sees what they were.
+    # A color goes wholly, or its rest would stand in front of the word it was for; of others one sees what they were.
     return "".join(c if c.isprintable() or c == "\n" else " " for c in re.sub(r"\x1b\[[0-9;]*m", "", text))
 
 
