@@ -3,23 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
+from tests.commands import call, start
 from xqmap.config import plugins
-
-
-def call(module: str, *arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", f"xqmap.{module}", *arguments]
-    clean = {name: value for name, value in os.environ.items() if not name.startswith("OPENAI")}
-    # Meant for another program of Hydra's: here its own lines never come.
-    clean["HYDRA_FULL_ERROR"] = "0"
-    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=600, env=clean)
-
 
 MISTAKES = [
     ("train", [], "+task=landing"),
@@ -61,6 +50,13 @@ def test_mistakes(module: str, arguments: list[str], named: str, tmp_path: Path)
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
 
 
+def test_a_mistake_is_one_line_of_a_new_interpreter_too(tmp_path: Path) -> None:
+    done = start("train", "+task=landing", "trainer.frams=5", cwd=tmp_path)
+    assert done.returncode != 0
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert done.stderr.startswith("error: ")
+
+
 def decision_file(folder: Path) -> Path:
     values = {"Selected": [0.9, 1.0], "A": [1.0, 0.0], "B": [0.1, 1.1]}
     things = {"Selected": "blue flat block", "A": "ground", "B": "red inclined block"}
@@ -78,7 +74,7 @@ def decision_file(folder: Path) -> Path:
 
 
 def test_a_decision_file_is_explained(tmp_path: Path) -> None:
-    done = call("explain", f"decision={decision_file(tmp_path)}", "out=seen", cwd=tmp_path)
+    done = start("explain", f"decision={decision_file(tmp_path)}", "out=seen", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     written = {path.name for path in (tmp_path / "seen").iterdir()}
     assert {"decision.json", "values.png", "rdx.png", "values.svg", "explanation.txt", "explanation.html"} <= written

@@ -11,7 +11,7 @@ from hydra import compose, initialize_config_dir
 from torchrl.envs.utils import check_env_specs
 
 from tests.browser import everything_is_drawn, opened, table
-from tests.test_commands import call
+from tests.commands import call
 from xqmap.config import build, plugins, schema
 from xqmap.reports import curves
 

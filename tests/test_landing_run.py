@@ -13,7 +13,7 @@ from omegaconf import DictConfig
 from torchrl.envs.utils import check_env_specs, step_mdp
 
 from tests.browser import everything_is_drawn, opened, table
-from tests.test_commands import call
+from tests.commands import call, start
 from xqmap import keys
 from xqmap.config import build, plugins, schema
 
@@ -53,7 +53,7 @@ def test_several_landings_make_one_episode_and_weights_scale_the_reward() -> Non
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("landing")
-    done = call("train", "+task=landing", "trainer=smoke", "evaluation.seeds=[0,1]", "hydra.run.dir=run", cwd=folder)
+    done = start("train", "+task=landing", "trainer=smoke", "evaluation.seeds=[0,1]", "hydra.run.dir=run", cwd=folder)
     assert done.returncode == 0, done.stderr
     assert "run/evaluation.json" in done.stdout
     return folder / "run"

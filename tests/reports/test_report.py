@@ -18,9 +18,9 @@ import pytest
 from omegaconf import OmegaConf
 
 from tests.browser import everything_is_drawn, opened, table
+from tests.commands import call
 from tests.conftest import toy_settings
 from tests.evaluation.test_results import write_run
-from tests.test_commands import call
 from xqmap import explain
 from xqmap.evaluation import results
 from xqmap.evaluation.run import evaluate_run

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from tests.commands import call
 from tests.conftest import toy_settings
 from tests.evaluation.test_results import write_run
 from tests.reports.test_offline import closed
-from tests.test_commands import call
 from xqmap.reports import offline
 from xqmap.trainers import wandb_environment
 from xqmap.trainers.logger import Log

@@ -7,8 +7,8 @@ from pathlib import Path
 import matplotlib
 import pytest
 
+from tests.commands import start
 from tests.evaluation.test_results import write_run
-from tests.test_commands import call
 from xqmap.explanations import Candidate, Decision
 from xqmap.explanations.views import plots, style
 
@@ -74,7 +74,7 @@ def test_commands_draw_whatever_another_tool_left(place: str, tmp_path: Path, mo
         ["explain", "decision=runs/a/figures/scene7/decision.json", "out=explained"],
         ["report", "runs=runs"],
     ):
-        done = call(*command, cwd=here)
+        done = start(*command, cwd=here)
         assert done.returncode == 0, done.stderr
         assert "atplotlib" not in done.stderr
     assert (here / "explained" / "values.png").read_bytes() == style.rendered(plots.values(DECISION), "png")
