@@ -30,7 +30,7 @@ from xqmap.runs import checkpoint
 from xqmap.runs.run import load_run
 from xqmap.trainers.callbacks import make_trainer
 
-pytestmark = [pytest.mark.sim, pytest.mark.filterwarnings("ignore")]
+pytestmark = pytest.mark.sim
 make_env = build.make_env
 
 

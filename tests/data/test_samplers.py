@@ -18,8 +18,6 @@ from xqmap.config import build, schema
 from xqmap.data.samplers import PrioritySampler
 from xqmap.errors import UserError
 
-pytestmark = pytest.mark.filterwarnings("ignore:No target network updater")
-
 
 def buffer(
     capacity: int, batch_size: int, alpha: float = 0.6, beta: tuple[float, float] = (0.4, 1.0)

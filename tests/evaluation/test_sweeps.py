@@ -17,7 +17,6 @@ from xqmap.config import build, plugins, schema
 from xqmap.errors import UserError
 from xqmap.evaluation import sheets
 
-pytestmark = [pytest.mark.filterwarnings("ignore::FutureWarning")]
 TOY = ["+task=toy"]
 
 

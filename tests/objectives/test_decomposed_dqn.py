@@ -19,7 +19,6 @@ from xqmap.models.qmaps import QMaps
 from xqmap.models.unet import LocalGeometry, UNet
 from xqmap.objectives import DecomposedDQNLoss
 
-pytestmark = pytest.mark.filterwarnings("ignore:No target network updater")
 STATES, ACTIONS = 6, 5
 
 

@@ -25,7 +25,6 @@ from xqmap.models.policy import GreedyPolicy
 from xqmap.models.qmaps import QMaps
 from xqmap.objectives import DecomposedDQNLoss
 
-pytestmark = pytest.mark.filterwarnings("ignore:No target network updater")
 NAMES = ("a", "b")
 
 

@@ -68,7 +68,6 @@ def sweep(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 
 @pytest.mark.sim
-@pytest.mark.filterwarnings("ignore::FutureWarning")
 def test_what_training_logs_comes_back_as_in_metrics_csv(sweep: Path) -> None:
     directory = sweep / "red-xqmap-1"
     logged = offline.read(next(directory.rglob("*.wandb")))
@@ -245,7 +244,6 @@ def test_a_resumed_run_is_one_curve(tmp_path: Path) -> None:
     assert joined["a"][:2].tolist() == [1, 2] and np.isnan(joined["a"][2:]).all()
 
 
-@pytest.mark.filterwarnings("ignore::DeprecationWarning")
 def test_the_page_is_kept_as_a_wandb_run_and_is_no_training(tmp_path: Path) -> None:
     write_run(tmp_path / "runs", "a", 9)
     done = call("report", "runs=runs", "log=runs/report", cwd=tmp_path)

@@ -51,7 +51,7 @@ def collector(cfg: DictConfig, env: ManiSkillEnv, policy: TensorDictModuleBase, 
     envs = [_Worker(build.make_env(cfg, training_scenes(cfg.seed) + i * apart + made)) for i in range(settings.workers)]
     policies = [partial(_policy, cfg, env.grid.pixel_size, i * apart + made) for i in range(settings.workers)]
     # The trainer ends the collection: to Ray, -1 would mean no frames at all.
-    shared: dict[str, Any] = {"total_frames": 2**62, "trust_policy": True}
+    shared: dict[str, Any] = {"total_frames": settings.workers * settings.frames_per_batch << 40, "trust_policy": True}
     processes: dict[str, Any] = {"backend": "process", "policy_factory": policies, "policy_device": "cpu"}
     if settings.name == "ordered":
         synced = {"policy": _Acknowledged()}

@@ -18,10 +18,7 @@ from xqmap.trainers import training
 from xqmap.trainers.callbacks import make_trainer
 from xqmap.trainers.trainer import Trainer
 
-pytestmark = [
-    pytest.mark.sim,
-    pytest.mark.filterwarnings("ignore::FutureWarning"),
-]
+pytestmark = pytest.mark.sim
 SHORT = ("trainer.frames=27", "trainer.warmup_frames=6", "trainer.checkpoint_period=6", "collector.frames_per_batch=3")
 
 
