@@ -245,3 +245,25 @@ assert os.waitpid(keeper, os.WNOHANG) == (0, 0)
 def test_the_book_keeper_of_all_processes_outlives_the_terminal() -> None:
     done = subprocess.run([sys.executable, "-c", _HUNG_UP], capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stderr
+
+
+_NEIGHBOUR_GONE = """
+import socket, sys, time
+from multiprocessing import resource_sharer
+from xqmap.collectors import collect
+if sys.argv[1] == "quiet":
+    collect.pass_over_the_gone()
+served = resource_sharer.DupFd(0)
+address, _ = served._id
+neighbour = socket.socket(socket.AF_UNIX)
+neighbour.connect(address)
+neighbour.close()
+time.sleep(1)
+"""
+
+
+@pytest.mark.parametrize(("how", "told"), [("quiet", False), ("as it comes", True)])
+def test_a_neighbour_that_ends_while_it_fetches_something_is_no_news(how: str, told: bool) -> None:
+    done = subprocess.run([sys.executable, "-c", _NEIGHBOUR_GONE, how], capture_output=True, text=True, timeout=600)
+    assert done.returncode == 0, done.stderr
+    assert ("Traceback" in done.stderr) is told, done.stderr

@@ -171,7 +171,7 @@ def test_the_table_alone_with_its_pictures_and_mistakes(tmp_path: Path) -> None:
         f"landing{n}.{k}" for n in ("", "-choices") for k in ("png", "svg")
     }
     assert call("report", "runs=runs", "format=csv", cwd=tmp_path).returncode == 0
-    assert next(csv.DictReader((tmp_path / "report.csv").open()))["mean"] == "0.9"
+    assert next(csv.DictReader((tmp_path / "report.csv").read_text().splitlines()))["mean"] == "0.9"
     (tmp_path / "nothing").mkdir()
     for arguments, named in {
         ("runs=nothing",): "holds no run",
@@ -191,7 +191,7 @@ def test_sheets_are_chosen(tmp_path: Path) -> None:
         (folder / f"evaluation-{name}.json").write_text((folder / "evaluation.json").read_text())
     for wanted, there in {"[]": set(), "hard": {"hard"}, "[hard,odd]": {"hard", "odd"}}.items():
         assert call("report", "runs=runs", "format=csv", f"sheets={wanted}", cwd=tmp_path).returncode == 0
-        assert {row["sheet"] for row in csv.DictReader((tmp_path / "report.csv").open())} == {"", *there}
+        assert {row["sheet"] for row in csv.DictReader((tmp_path / "report.csv").read_text().splitlines())} == {"", *there}
     done = call("report", "runs=runs", "sheets=[easy]", cwd=tmp_path)
     assert done.returncode != 0
     assert "'easy'; these runs were evaluated on hard, odd" in done.stderr

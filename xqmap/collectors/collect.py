@@ -9,10 +9,12 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from functools import partial
 from importlib.util import find_spec
 from multiprocessing import resource_tracker
+from types import TracebackType
 from typing import Any
 
 import torch
@@ -47,6 +49,7 @@ def collector(cfg: DictConfig, env: ManiSkillEnv, policy: TensorDictModuleBase, 
     settings = cfg.collector
     if settings.name == "single":
         return Collector(env, policy, frames_per_batch=settings.frames_per_batch, total_frames=-1, trust_policy=True)
+    pass_over_the_gone()
     apart = SCENES_PER_TRAINING // settings.workers
     envs = [_Worker(build.make_env(cfg, training_scenes(cfg.seed) + i * apart + made)) for i in range(settings.workers)]
     policies = [partial(_policy, cfg, env.grid.pixel_size, i * apart + made) for i in range(settings.workers)]
@@ -86,6 +89,19 @@ def outlive_the_terminal() -> None:
     blocked = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGHUP])
     resource_tracker.ensure_running()
     signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
+
+
+def pass_over_the_gone() -> None:
+    """Says nothing about a neighbour that ended while it fetched what the two of them share: multiprocessing serves
+    that in a thread of its own, whose stacks would go to the terminal. The loss itself is told by who needed it.
+    """
+    sys.excepthook = _tell_no_loss
+
+
+def _tell_no_loss(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
+    gone = isinstance(error, (ConnectionError, EOFError))
+    if not gone or threading.current_thread() is threading.main_thread():
+        sys.__excepthook__(kind, error, trace)
 
 
 class _Unheard(MultiProcessWeightSyncScheme):
@@ -166,6 +182,7 @@ class _Worker:
 
     def __call__(self) -> ManiSkillEnv:
         endure()
+        pass_over_the_gone()
         for number in (signal.SIGINT, signal.SIGHUP):
             signal.signal(number, signal.SIG_IGN)
         # The processors belong to the other workers and to the updates.
