@@ -278,8 +278,12 @@ class GraspingEnv(DecisionEnv):
         chosen = offers[oracle.best(items, self.weights.tolist(), 0.0)] if items else Offer()
         return np.array([*BOUNDS[:2].mean(1), 0.0]) if chosen.point is None else chosen.point
 
-    def exact_values(self, gamma: float) -> np.ndarray:
-        """Q*_k ``[objects, 2]`` of each of :meth:`scene_objects`, from the exact solution in :mod:`.oracle`."""
+    def exact_values(self, gamma: float) -> np.ndarray | None:
+        """Q*_k ``[objects, 2]`` of each of :meth:`scene_objects`, from the exact solution in :mod:`.oracle`; None at
+        γ = 1, where a bowl, which pays its color for ever, is worth more than any number.
+        """
+        if gamma == 1:
+            return None
         return oracle.component_values(self._items(self._offers()), self.weights.tolist(), gamma)
 
     def scene_objects(self) -> list[SceneObject]:

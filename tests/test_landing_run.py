@@ -101,7 +101,11 @@ def test_a_sheet_plays_other_scenes_into_a_file_of_its_own(run: Path) -> None:
         (["sheets=steep"], "conf/sheet/landing"),
         (["+task.env.wind=3", "out=x.json"], "no setting 'wind'"),
         (["+task.env._target_=os.system", "out=x.json"], "no setting '_target_'"),
-        (["+task.env.light=0"], "out=FILE"),
+        (["+task.env.light=0"], "task.env.light is changed: give out=FILE"),
+        (["+task.weights.color=5"], "task.weights.color is changed: give out=FILE"),
+        (["evaluation.choices=7"], "not 7: give out=FILE"),
+        (["sheets=slopes", "evaluation.seeds=[3]"], "not [3]: give out=FILE"),
+        (["evaluation.seeds=[3,4,3]", "out=x.json"], "names 3 twice"),
     ]:
         refused = call("evaluate", "run=run", *wrong, cwd=run.parent)
         assert refused.returncode != 0

@@ -9,20 +9,19 @@ from omegaconf import DictConfig
 from tqdm import tqdm
 
 from xqmap.config import build, cli
-from xqmap.explain import decisions_of
+from xqmap.explain import decisions_of, place
 from xqmap.explanations.dialogue import scoring
 from xqmap.explanations.dialogue.conversation import Dialogue, Exchange, scene_line, system_prompt
 from xqmap.explanations.views.page import page
 from xqmap.explanations.views.sentences import wording_for
 from xqmap.files import write_atomically
-from xqmap.runs.decide import default_folder
 from xqmap.terminal import say
 
 
 def chat(cfg: DictConfig) -> None:
     """Holds the conversation and saves it; with ``question=`` one answer, with ``questions=`` a score."""
     questions = scoring.read(Path(cfg.questions)) if cfg.questions is not None else []
-    model = build.language_model(cfg.llm)
+    model, folder = build.language_model(cfg.llm), place(cfg)
     decision = decisions_of(cfg)[-1]
     dialogue = Dialogue(decision, wording_for(decision.task), model)
     if cfg.show_prompt:
@@ -35,7 +34,6 @@ def chat(cfg: DictConfig) -> None:
     else:
         _converse(dialogue)
     if dialogue.exchanges:
-        folder = Path(cfg.out) if cfg.out else default_folder(cfg, "explanation")
         # Beside what python -m xqmap.explain wrote about this decision of an episode.
         step = folder / f"step{decision.step + 1:02d}"
         folder = step if decision.step or step.exists() else folder

@@ -11,7 +11,7 @@ from xqmap.config import cli
 from xqmap.errors import UserError
 from xqmap.evaluation import sheets
 from xqmap.evaluation.file import evaluation_file
-from xqmap.evaluation.run import evaluate_run
+from xqmap.evaluation.run import evaluate_run, require_own
 from xqmap.files import require_place
 from xqmap.runs.run import load_run
 
@@ -26,12 +26,13 @@ def evaluate(cfg: DictConfig) -> None:
     played: list[str | None] = [*sheets.chosen(run.cfg.task.name, wanted)] or [None]
     if cfg.out and len(played) > 1:
         raise UserError(f"out={cfg.out} is one file for {len(played)} sheets: leave out away, or name one sheet")
-    if cfg.task.env and not cfg.out:
-        raise UserError("task.env is changed: give out=FILE, so that no file of this run tells of another world")
     runs = [
         sheets.applied(run, OmegaConf.merge(sheets.load(run.cfg.task.name, sheet) if sheet else {}, told))
         for sheet in played
     ]
+    if not cfg.out:
+        for changed, sheet in zip(runs, played, strict=True):
+            require_own(evaluation_file(run.directory, sheet), changed.cfg, cfg.task)
     outs = [require_place(Path(cfg.out or evaluation_file(run.directory, sheet))) for sheet in played]
     doctor.require_rendering()
     for changed, sheet, out in zip(runs, played, outs, strict=True):

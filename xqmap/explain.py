@@ -16,7 +16,7 @@ from xqmap.explanations import Decision
 from xqmap.explanations.dialogue.conversation import excerpt, saved_conversation
 from xqmap.explanations.views import plots
 from xqmap.explanations.views.page import page
-from xqmap.files import write_atomically
+from xqmap.files import require_place, write_atomically
 from xqmap.runs.decide import decide, default_folder
 from xqmap.runs.run import load_run
 from xqmap.terminal import say
@@ -26,8 +26,8 @@ def explain(cfg: DictConfig) -> None:
     """Builds or reads the decision, then writes every view of it to ``cfg.out``; of several, each into a folder of its
     own.
     """
+    out = place(cfg)
     decisions = decisions_of(cfg)
-    out = Path(cfg.out) if cfg.out else default_folder(cfg, "explanation")
     folders = [out / f"step{decision.step + 1:02d}" for decision in decisions] if len(decisions) > 1 else [out]
     written = []
     for decision, folder in zip(
@@ -47,14 +47,26 @@ def explain(cfg: DictConfig) -> None:
     say(f"\nwrote {len(written)} files to {out}: {', '.join(sorted({path.name for path in written}))}")
 
 
+def place(cfg: DictConfig) -> Path:
+    """The folder to write to; to be asked before the work whose results it is to hold.
+
+    Raises:
+        UserError: if it is not clear what to explain.
+        OSError: if nothing can be written there.
+    """
+    if cfg.decision is not None and cfg.run is not None:
+        raise UserError("give either run=DIR or decision=FILE.json, not both")
+    if cfg.decision is None and cfg.run is None:
+        raise UserError("nothing to explain: give run=DIR scene_seed=N, or decision=FILE.json")
+    out = Path(cfg.out) if cfg.out else default_folder(cfg, "explanation")
+    require_place(out / "decision.json")
+    return out
+
+
 def decisions_of(cfg: DictConfig) -> list[Decision]:
     """What ``run=`` and ``scene_seed=``, or ``decision=``, name."""
     if cfg.decision is not None:
-        if cfg.run is not None:
-            raise UserError("give either run=DIR or decision=FILE.json, not both")
         return [Decision.load(cfg.decision)]
-    if cfg.run is None:
-        raise UserError("nothing to explain: give run=DIR scene_seed=N, or decision=FILE.json")
     steps = cli.decisions(cfg)
     if cfg.candidates not in ("pixel", "object"):
         raise UserError(f"candidates={cfg.candidates} is neither pixel nor object")

@@ -28,17 +28,18 @@ with guard.guarded("scene 8", 1.5):
 
 def test_a_sleep_is_not_counted_and_a_hang_after_it_is() -> None:
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    process = subprocess.Popen([sys.executable, "-c", STOPPED], text=True, **pipes)  # type: ignore[call-overload]
-    assert process.stdout.readline() == "begun\n"
-    os.kill(process.pid, signal.SIGSTOP)
-    time.sleep(2.5)  # longer than limit and grace
-    os.kill(process.pid, signal.SIGCONT)
-    time.sleep(0.3)  # what waited for it to go on has its turn
-    process.stdin.write("\n")
-    process.stdin.flush()
-    assert process.stdout.readline() == "over\n"
-    assert "a decision in scene 8 took more than 1.5 s (trainer.decision_limit)" in process.stderr.read()
-    assert process.wait() == 1
+    command = [sys.executable, "-c", STOPPED]
+    with subprocess.Popen(command, text=True, **pipes) as process:  # type: ignore[call-overload]
+        assert process.stdout.readline() == "begun\n"
+        os.kill(process.pid, signal.SIGSTOP)
+        time.sleep(2.5)  # longer than limit and grace
+        os.kill(process.pid, signal.SIGCONT)
+        time.sleep(0.3)  # what waited for it to go on has its turn
+        process.stdin.write("\n")
+        process.stdin.flush()
+        assert process.stdout.readline() == "over\n"
+        assert "a decision in scene 8 took more than 1.5 s (trainer.decision_limit)" in process.stderr.read()
+        assert process.wait() == 1
 
 
 def test_limits_follow_one_another() -> None:

@@ -191,7 +191,10 @@ def test_sheets_are_chosen(tmp_path: Path) -> None:
         (folder / f"evaluation-{name}.json").write_text((folder / "evaluation.json").read_text())
     for wanted, there in {"[]": set(), "hard": {"hard"}, "[hard,odd]": {"hard", "odd"}}.items():
         assert call("report", "runs=runs", "format=csv", f"sheets={wanted}", cwd=tmp_path).returncode == 0
-        assert {row["sheet"] for row in csv.DictReader((tmp_path / "report.csv").read_text().splitlines())} == {"", *there}
+        assert {row["sheet"] for row in csv.DictReader((tmp_path / "report.csv").read_text().splitlines())} == {
+            "",
+            *there,
+        }
     done = call("report", "runs=runs", "sheets=[easy]", cwd=tmp_path)
     assert done.returncode != 0
     assert "'easy'; these runs were evaluated on hard, odd" in done.stderr

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -203,6 +204,12 @@ def language_model(settings: DictConfig) -> DictConfig:
     return merged
 
 
+# Of a configuration: components, the edges of windows, single values (every evaluation seed is one) and their length.
+_MOST_COMPONENTS = 32
+_MOST_WINDOWS = 16
+_MOST_VALUES = 25_000
+_LONGEST_TEXT = 10_000
+
 # What only a training reads: an agent that was trained before a setting of these was thought of plays all the same.
 TRAINING_ONLY = ("exploration", "collector", "replay", "trainer", "logger")
 
@@ -223,6 +230,8 @@ def validate(cfg: DictConfig, playing: bool = False) -> None:
     _check(Task, cfg.task, "task.")
     for name in ("task.components", "method.components"):
         components = list(OmegaConf.select(cfg, name))
+        if len(components) > _MOST_COMPONENTS:
+            raise UserError(f"{name} has {len(components)} entries; {_MOST_COMPONENTS} are the most")
         if not components or len(set(components)) < len(components):
             raise UserError(f"{name}={components} must name at least one component, and none twice")
     for name in ("task.name", "method.name"):
@@ -237,6 +246,8 @@ def validate(cfg: DictConfig, playing: bool = False) -> None:
         raise UserError(
             f"method.weights has {len(cfg.method.weights)} numbers for the components {list(cfg.method.components)}"
         )
+    if len(cfg.qnet.plane_windows) > _MOST_WINDOWS:
+        raise UserError(f"qnet.plane_windows has {len(cfg.qnet.plane_windows)} edges; {_MOST_WINDOWS} are the most")
     if any(edge % 2 == 0 or not 3 <= edge <= 255 for edge in (*cfg.qnet.plane_windows, cfg.qnet.surroundings)):
         raise UserError("qnet.plane_windows and qnet.surroundings must be odd numbers of cells from 3 to 255")
     if cfg.threads is not None and not 1 <= cfg.threads <= 4096:
@@ -252,10 +263,28 @@ def validate(cfg: DictConfig, playing: bool = False) -> None:
         )
     if not all(math.isfinite(total) and total > 0 for total in until.values()):
         raise UserError("evaluation.until must hold finite numbers above 0")
+    if repeated := [seed for seed, times in Counter(cfg.evaluation.seeds).items() if times > 1]:
+        raise UserError(f"evaluation.seeds names {repeated[0]} twice: the same scenes again are no more evidence")
     if not cfg.evaluation.seeds:
         raise UserError("evaluation.seeds is empty: give at least one, evaluation.seeds=[0]")
     if any(not 0 <= seed < 10_000 for seed in cfg.evaluation.seeds):
         raise UserError("evaluation.seeds must be between 0 and 9999 (training scenes lie above)")
+
+
+def small(settings: Any) -> bool:
+    """Whether settings, plain values that a stranger may have written, are no more than any training has. To be asked
+    before they get their types: that takes a millisecond for each of them.
+    """
+    counted, under_way = 0, [settings]
+    while under_way and counted <= _MOST_VALUES:
+        value = under_way.pop()
+        counted += 1
+        if isinstance(value, dict | list):
+            inner = [*value, *value.values()] if isinstance(value, dict) else value
+            under_way += inner[: _MOST_VALUES + 1]
+        elif isinstance(value, str) and len(value) > _LONGEST_TEXT:
+            return False
+    return counted <= _MOST_VALUES
 
 
 def _check(schema: type, cfg: DictConfig, prefix: str, spared: tuple[str, ...] = ()) -> None:

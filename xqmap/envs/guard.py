@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import os
 import signal
@@ -34,6 +35,8 @@ class _Watch:
         if self.dog is None or self.pid != os.getpid() or self.dog.poll() is not None:
             signal.signal(watchdog.LATE, self._late)
             self.pid = os.getpid()
+            if self.dog is not None and self.dog.stdin is not None:
+                self.dog.stdin.close()
             # To the process's own stderr: what stands in for it (a notebook, a test) may have no file behind it.
             self.dog = subprocess.Popen(
                 [sys.executable, "-I", "-S", watchdog.__file__], stdin=subprocess.PIPE, stdout=2, start_new_session=True
@@ -45,6 +48,12 @@ class _Watch:
         """The decision is over."""
         self.limit = 0.0
         self._tell("\n")
+
+    def leave(self) -> None:
+        """This process ends, and its watchdog with it."""
+        if self.dog is not None and self.pid == os.getpid():
+            with self.dog:
+                self.dog.kill()
 
     def _tell(self, line: str) -> None:
         assert self.dog is not None and self.dog.stdin is not None
@@ -62,6 +71,7 @@ class _Watch:
 
 
 _watch = _Watch()
+atexit.register(_watch.leave)
 
 
 @contextmanager

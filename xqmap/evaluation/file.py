@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from xqmap.errors import UserError
+from xqmap.files import read_bytes
+
+# Bytes of an evaluation; one of a thousand seeds has a few hundred thousand.
+_LARGEST_FILE = 20_000_000
 # Of numbers in an evaluation.
 _LARGEST = 1e12
 
@@ -14,50 +22,6 @@ def evaluation_file(directory: Path, sheet: str | None = None) -> Path:
     return directory / (f"evaluation-{sheet}.json" if sheet else "evaluation.json")
 
 
-def wrong(content: Any) -> str:
-    """Why this is not an evaluation that can be counted; empty if it is one."""
-    needed = {"task": str, "method": str, "training_seed": int, "runs": list}
-    if not isinstance(content, dict) or any(not isinstance(content.get(name), kind) for name, kind in needed.items()):
-        return f"no evaluation of xqmap: {', '.join(needed)} are needed"
-    for run in content["runs"]:
-        counts = {name: run.get(name) for name in ("choices", "correct", "regret")} if isinstance(run, dict) else None
-        if (
-            not _numbers(counts, 1)
-            or not _numbers(run.get("components", {}), 1)
-            or not 0 <= run["correct"] <= run["choices"]
-        ):
-            return "a run in it lacks choices, correct or regret"
-    if not any(run["choices"] for run in content["runs"]):
-        return "no choice was made in it"
-    baselines = content.get("baselines") or {}
-    for row in baselines.values() if isinstance(baselines, dict) else [baselines]:
-        rate = {name: row.get(name) for name in ("mean", "std", "choices")} if isinstance(row, dict) else None
-        limits = row.get("ci95") if isinstance(row, dict) else None
-        if (
-            not _numbers(rate, 1)
-            or not isinstance(limits, list)
-            or len(limits) != 2
-            or not _numbers(dict(enumerate(limits)), 1)
-        ):
-            return "a baseline in it lacks mean, std, choices or ci95"
-        if not is_number(row.get("regret", 0.0)):
-            return "a baseline's regret in it is no number"
-    confusion = content.get("confusion") or {}
-    if not _numbers(confusion, 2):
-        return "its confusion holds no counts"
-    names = [
-        content["task"],
-        content["method"],
-        *baselines,
-        *confusion,
-        *(name for run in content["runs"] for name in run.get("components", {})),
-    ]
-    # Control characters could move a terminal's cursor; half a character cannot be written at all.
-    if not all(name.isprintable() for name in (*names, *(best for bests in confusion.values() for best in bests))):
-        return "a name in it cannot be printed"
-    return ""
-
-
 def is_number(value: Any) -> bool:
     """Whether this is a number that can be reckoned with: NaN is, infinity and what no count or reward comes near are
     not.
@@ -65,8 +29,81 @@ def is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and not abs(value) > _LARGEST
 
 
-def _numbers(tree: Any, depth: int) -> bool:
-    """Whether this is a dictionary of numbers, so many levels deep."""
-    if depth == 0:
-        return is_number(tree)
-    return isinstance(tree, dict) and all(_numbers(inner, depth - 1) for inner in tree.values())
+def _reckoned(number: float) -> float:
+    if not is_number(number):
+        raise ValueError("is no number that can be reckoned with")
+    return number
+
+
+def _printed(name: str) -> str:
+    # Control characters could move a terminal's cursor; half a character cannot be written at all.
+    if not name.isprintable():
+        raise ValueError("cannot be printed")
+    return name
+
+
+_Name = Annotated[str, AfterValidator(_printed)]
+_Number = Annotated[float, AfterValidator(_reckoned)]
+
+
+class _Run(BaseModel):
+    model_config = ConfigDict(strict=True)
+
+    choices: _Number
+    correct: _Number
+    regret: _Number
+    components: dict[_Name, _Number] = {}
+
+    @model_validator(mode="after")
+    def _counted(self) -> _Run:
+        if not 0 <= self.correct <= self.choices:
+            raise ValueError("has more that are correct than choices")
+        return self
+
+
+class _Baseline(BaseModel):
+    model_config = ConfigDict(strict=True)
+
+    mean: _Number
+    std: _Number
+    choices: _Number
+    ci95: Annotated[list[_Number], Field(min_length=2, max_length=2)]
+    regret: _Number = 0.0
+
+
+class _Evaluation(BaseModel):
+    model_config = ConfigDict(strict=True)
+
+    task: _Name
+    method: _Name
+    training_seed: int
+    runs: list[_Run]
+    baselines: dict[_Name, _Baseline] | None = None
+    confusion: dict[_Name, dict[_Name, _Number]] | None = None
+
+
+def read(path: Path) -> dict[str, Any]:
+    """The content of an evaluation's file.
+
+    Raises:
+        UserError: naming the file, and why it cannot be counted.
+    """
+    try:
+        content = json.loads(read_bytes(path, _LARGEST_FILE, inside=path.parent))
+    except (ValueError, RecursionError) as error:
+        raise UserError(f"{path}: not JSON ({str(error)[:80]})") from None
+    if why := wrong(content):
+        raise UserError(f"{path}: {why}")
+    assert isinstance(content, dict)
+    return content
+
+
+def wrong(content: Any) -> str:
+    """Why this is not an evaluation that can be counted; empty if it is one."""
+    try:
+        runs = _Evaluation.model_validate(content).runs
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(map(str, first["loc"]))
+        return f"no evaluation of xqmap: {place or 'the file'}: {first.get('ctx', {}).get('error') or first['msg']}"
+    return "" if any(run.choices for run in runs) else "no choice was made in it"

@@ -12,10 +12,6 @@ from xqmap.config import plain, plugins
 from xqmap.errors import UserError
 from xqmap.evaluation import file, statistics
 from xqmap.evaluation.swept import flat, grouped, label, swept
-from xqmap.files import read_bytes
-
-# Bytes of an evaluation; one of a thousand seeds has a few hundred thousand.
-_LARGEST_FILE = 20_000_000
 
 
 @dataclass
@@ -109,14 +105,9 @@ def collect(root: str | Path) -> tuple[list[Result], dict[Path, str]]:
     unread: dict[Path, str] = {}
     for path in sorted(Path(root).rglob("evaluation*.json")):
         try:
-            content = json.loads(read_bytes(path, _LARGEST_FILE, inside=path.parent))
-            why = file.wrong(content)
+            content = file.read(path)
         except UserError as error:
-            why = str(error).removeprefix(f"{path}: ")
-        except (ValueError, RecursionError) as error:
-            why = f"not JSON ({str(error)[:80]})"
-        if why:
-            unread[path] = why
+            unread[path] = str(error).removeprefix(f"{path}: ")
             continue
         result = Result(
             path.parent, path.stem.removeprefix("evaluation").strip("-_"), content, settings_of(path.parent)

@@ -12,7 +12,10 @@ from omegaconf import DictConfig, OmegaConf
 
 from xqmap.config import build
 from xqmap.envs.maniskill import ManiSkillEnv
+from xqmap.errors import UserError
 from xqmap.evaluation import calibration, play
+from xqmap.evaluation.file import read
+from xqmap.evaluation.swept import differing, flat, shown
 from xqmap.files import write_atomically
 from xqmap.runs import checkpoint
 from xqmap.runs.run import Run, load_run
@@ -72,6 +75,32 @@ def evaluate_run(
         say(calibration.table(played["calibration"]))
     say(f"wrote {out}")
     return result
+
+
+def require_own(file: Path, cfg: DictConfig, world: DictConfig) -> None:
+    """Keeps an evaluation under changed settings out of the file that tells of the run as it was trained.
+
+    Args:
+        file: where the evaluation would be written.
+        cfg: the run's settings with all changes.
+        world: what was changed of ``task``.
+
+    Raises:
+        UserError: naming the setting that is another one.
+    """
+    if changes := [name for name in flat(OmegaConf.to_container(world)) if OmegaConf.select(world, name) != {}]:
+        raise UserError(
+            f"task.{changes[0]} is changed: give out=FILE, so that no file of this run tells of another world"
+        )
+    try:
+        before = flat(read(file)["settings"])
+    except (UserError, KeyError):
+        return
+    now = flat(settings_of(cfg, cfg.evaluation))
+    # A setting that one of them lacks is newer than the file.
+    if names := [name for name in differing([before, now]) if name in before and name in now]:
+        was, told = (shown(settings[names[0]]) for settings in (before, now))
+        raise UserError(f"{file} tells of {names[0]}={was}, not {told}: give out=FILE, so that it stays")
 
 
 def machine(run: Run, env: ManiSkillEnv) -> dict[str, Any]:

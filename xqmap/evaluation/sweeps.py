@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,7 @@ from torch import Tensor
 
 from xqmap.errors import UserError
 from xqmap.evaluation import results, sheets, tables
-from xqmap.evaluation.file import evaluation_file
+from xqmap.evaluation.file import evaluation_file, read
 from xqmap.evaluation.run import evaluate_run, settings_of
 from xqmap.evaluation.swept import differing, flat, shown
 from xqmap.files import write_atomically
@@ -110,9 +109,9 @@ def baselines(sweep: Path, run: Run) -> tuple[str, dict[str, Any]] | None:
 
 def _of_these_scenes(path: Path, run: Run) -> dict[str, Any] | None:
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = read(path)
         content["settings"]["env"].pop("_target_", None)
         same = content["task"] == run.cfg.task.name and content["settings"] == settings_of(run.cfg, run.cfg.evaluation)
         return content if same and {"weights_sha256", "baselines", "versions"} <= content.keys() else None
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+    except (UserError, KeyError, TypeError, AttributeError):
         return None

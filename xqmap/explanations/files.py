@@ -17,13 +17,13 @@ from xqmap.explanations import contrast
 from xqmap.explanations.candidate import Candidate
 from xqmap.explanations.perception import Scene
 from xqmap.explanations.reading import parse
-from xqmap.files import write_atomically
+from xqmap.files import read_bytes, write_atomically
 
 if TYPE_CHECKING:
     from xqmap.explanations.decision import Decision
 
 # Larger files are not ours; bytes, before and after decompression.
-_LARGEST_FILE = 50_000_000
+_LARGEST_FILE = 10_000_000
 _LARGEST_MAPS = 500_000_000
 # How far a candidate's value may be from the single-precision map beside it.
 _TOLERANCE = 1e-4
@@ -83,15 +83,9 @@ def load(path: Path) -> dict[str, Any]:
         UserError: naming the file and the place that is wrong.
     """
     try:
-        if path.stat().st_size > _LARGEST_FILE:
-            raise UserError(f"{path}: larger than {_LARGEST_FILE // 1_000_000} MB, which no decision is")
-        read = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise UserError(f"{path}: there is no such file; give decision=FILE.json") from None
-    except (UnicodeDecodeError, ValueError, RecursionError) as error:
+        read = json.loads(read_bytes(path, _LARGEST_FILE))
+    except (ValueError, RecursionError) as error:
         raise UserError(f"{path}: not JSON ({str(error)[:80]})") from None
-    except OSError as error:
-        raise UserError(f"{path}: cannot be read ({error.strerror})") from None
     fields, beside = parse(read, str(path)), path.with_suffix(".npz")
     if "scene" in read and beside.exists():
         fields |= _maps(fields, read["scene"], beside)
@@ -101,10 +95,11 @@ def load(path: Path) -> dict[str, Any]:
 def _maps(fields: dict[str, Any], scene: Any, beside: Path) -> dict[str, Any]:
     """The maps, the heightmap and the scene, if they are those of this decision."""
     try:
-        with zipfile.ZipFile(beside) as packed:
+        packed_bytes = io.BytesIO(read_bytes(beside, _LARGEST_FILE * 10))
+        with zipfile.ZipFile(packed_bytes) as packed:
             if sum(entry.file_size for entry in packed.infolist()) > _LARGEST_MAPS:
                 raise UserError(f"{beside}: larger than {_LARGEST_MAPS // 1_000_000} MB, which no maps are")
-        with np.load(beside, allow_pickle=False) as arrays:
+        with np.load(packed_bytes, allow_pickle=False) as arrays:
             maps, color, height, cells = (arrays[name] for name in ("maps", "color", "height", "cells"))
         names = [str(name)[:200] for name in scene["names"]]
         bounds = np.array(scene["bounds"], dtype=float)

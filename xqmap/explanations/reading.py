@@ -2,16 +2,58 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic_core import ErrorDetails
 
 from xqmap.errors import UserError
 from xqmap.explanations.candidate import SELECTED, Candidate
 from xqmap.terminal import one_line
 
-_LONGEST_NAME = 200
-# Of entries in a list: what can still be read by a person, and drawn.
-_MOST = {"components": 32, "candidates": 33, "objects": 1000}
 _LARGEST_VALUE = 1e9
+_LARGEST_WHOLE = 2**53
+
+
+def _said(text: str) -> str:
+    """Without control characters, which could move a terminal's cursor or hide text; a name has none."""
+    if not text.strip():
+        raise ValueError("must be a text that is not empty")
+    return one_line(text) or "unnamed"
+
+
+# What can still be read by a person, and drawn.
+_Text = Annotated[str, Field(max_length=200), AfterValidator(_said)]
+_Number = Annotated[float, Field(ge=-_LARGEST_VALUE, le=_LARGEST_VALUE, allow_inf_nan=False)]
+_Whole = Annotated[int, Field(ge=-_LARGEST_WHOLE, le=_LARGEST_WHOLE)]
+_Row = Annotated[float, Field(ge=0, le=_LARGEST_VALUE, allow_inf_nan=False)]
+_Values = Annotated[dict[str, _Number], Field(max_length=32)]
+
+
+class _Object(BaseModel):
+    model_config = ConfigDict(strict=True)
+
+    object: _Text
+    values: _Values
+    pixel: Annotated[list[_Row], Field(min_length=2, max_length=2)] | None = None
+    position: Annotated[list[_Number], Field(min_length=3, max_length=3)] | None = None
+    object_index: _Whole | None = None
+
+
+class _Candidate(_Object):
+    label: _Text
+
+
+class _File(BaseModel):
+    model_config = ConfigDict(strict=True)
+
+    task: _Text
+    components: Annotated[list[_Text], Field(min_length=1, max_length=32)]
+    candidates: Annotated[list[_Candidate], Field(min_length=1, max_length=33)]
+    objects: Annotated[list[_Object], Field(max_length=1000)] | None = None
+    scene_seed: _Whole | None = None
+    step: _Whole | None = None
+    noise: _Values | None = None
 
 
 def parse(content: Any, source: str) -> dict[str, Any]:
@@ -24,100 +66,93 @@ def parse(content: Any, source: str) -> dict[str, Any]:
     Raises:
         UserError: naming ``source`` and the place that is wrong.
     """
+    try:
+        file = _File.model_validate(content)
+    except ValidationError as error:
+        raise UserError(f"{source}: {first_mistake(error)}") from None
 
-    def wrong(place: str, why: str) -> UserError:
-        return UserError(f"{source}: {place} {why}")
+    def refuse(place: str, why: str) -> None:
+        raise UserError(f"{source}: {place} {why}")
 
-    def text(value: Any, place: str) -> str:
-        if not isinstance(value, str) or not value.strip():
-            raise wrong(place, "must be a text that is not empty")
-        if len(value) > _LONGEST_NAME:
-            raise wrong(place, f"is longer than {_LONGEST_NAME} characters")
-        # Control characters could move a terminal's cursor or hide text; a name has none.
-        return one_line(value) or "unnamed"
-
-    def number(value: Any, place: str) -> float:
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise wrong(place, "must be a number")
-        # Not a float yet: a whole number of JSON may be too large to be one. Nor is NaN at most anything.
-        if not abs(value) <= _LARGEST_VALUE:
-            raise wrong(place, f"must be a finite number of at most {_LARGEST_VALUE:g} in size")
-        return float(value)
-
-    def numbers(value: Any, count: int, place: str) -> tuple[float, ...] | None:
-        if value is None:
-            return None
-        if not isinstance(value, list) or len(value) != count:
-            raise wrong(place, f"must be a list of {count} numbers")
-        return tuple(number(v, f"{place}[{i}]") for i, v in enumerate(value))
-
-    def whole(value: Any) -> int | None:
-        return value if isinstance(value, int) and not isinstance(value, bool) and abs(value) < 2**53 else None
-
-    if not isinstance(content, dict):
-        raise wrong("the file", "must hold a JSON object with task, components and candidates")
-    for key in ("task", "components", "candidates"):
-        if key not in content:
-            raise wrong(key, "is missing")
-    for key in ("components", "candidates"):
-        if not isinstance(content[key], list) or not content[key]:
-            raise wrong(key, "must be a list that is not empty")
-        if len(content[key]) > _MOST[key]:
-            raise wrong(key, f"has more than {_MOST[key]} entries")
-    components = tuple(text(name, f"components[{i}]") for i, name in enumerate(content["components"]))
+    components = tuple(file.components)
     if len(set(components)) < len(components):
-        raise wrong("components", "names one twice")
+        refuse("components", "names one twice")
 
-    def candidate(entry: Any, place: str, known_as: str) -> Candidate:
-        if not isinstance(entry, dict):
-            raise wrong(place, f"must be an object with {known_as} and values")
-        thing = text(entry.get("object"), f"{place}.object")
-        values = entry.get("values")
-        if not isinstance(values, dict):
-            raise wrong(f"{place}.values", "must be an object with a number per component")
+    def candidate(entry: _Object, label: str, place: str) -> Candidate:
         for name in components:
-            if name not in values:
-                raise wrong(f"{place}.values", f"lacks the component {name!r}")
-        for name in values:
+            if name not in entry.values:
+                refuse(f"{place}.values", f"lacks the component {name!r}")
+        for name in entry.values:
             if name not in components:
-                raise wrong(f"{place}.values", f"has {name!r}, which is not among the components")
-        pixel, position = (
-            numbers(entry.get("pixel"), 2, f"{place}.pixel"),
-            numbers(entry.get("position"), 3, f"{place}.position"),
-        )
-        if pixel and min(pixel) < 0:
-            raise wrong(f"{place}.pixel", "must be a row and a column from 0 on")
+                refuse(f"{place}.values", f"has {one_line(name)!r}, which is not among the components")
+        row, column = entry.pixel or (0, 0)
+        x, y, z = entry.position or (0.0, 0.0, 0.0)
         return Candidate(
-            text(entry.get("label"), f"{place}.label") if "label" in known_as else thing,
-            thing,
-            {name: number(values[name], f"{place}.values.{name}") for name in components},
-            (int(pixel[0]), int(pixel[1])) if pixel else None,
-            (position[0], position[1], position[2]) if position else None,
-            whole(entry.get("object_index")),
+            label,
+            entry.object,
+            {name: entry.values[name] for name in components},
+            (int(row), int(column)) if entry.pixel else None,
+            (x, y, z) if entry.position else None,
+            entry.object_index,
         )
 
     candidates: list[Candidate] = []
-    for i, entry in enumerate(content["candidates"]):
-        read = candidate(entry, f"candidates[{i}]", "label, object")
-        if read.label in {known.label for known in candidates}:
-            raise wrong(f"candidates[{i}].label", f"repeats {read.label!r}")
-        candidates.append(read)
+    for i, entry in enumerate(file.candidates):
+        if entry.label in {known.label for known in candidates}:
+            refuse(f"candidates[{i}].label", f"repeats {entry.label!r}")
+        candidates.append(candidate(entry, entry.label, f"candidates[{i}]"))
     if SELECTED not in {candidate.label for candidate in candidates}:
-        raise wrong("candidates", f"has none with the label {SELECTED!r}")
+        refuse("candidates", f"has none with the label {SELECTED!r}")
     candidates.sort(key=lambda candidate: candidate.label != SELECTED)
-    listed = content.get("objects") or []
-    if not isinstance(listed, list) or len(listed) > _MOST["objects"]:
-        raise wrong("objects", f"must be a list of at most {_MOST['objects']} entries")
-    objects = [candidate(entry, f"objects[{i}]", "object") for i, entry in enumerate(listed)]
-    seed, step, noise = content.get("scene_seed"), content.get("step"), content.get("noise")
+    objects = [candidate(entry, entry.object, f"objects[{i}]") for i, entry in enumerate(file.objects or [])]
+    noise = file.noise or {}
     return {
-        "task": text(content["task"], "task"),
+        "task": file.task,
         "components": components,
         "candidates": candidates,
-        "scene_seed": whole(seed),
+        "scene_seed": file.scene_seed,
         "objects": sorted(objects, key=lambda thing: -thing.overall),
-        "step": whole(step) or 0,
-        "noise": {name: abs(number(noise[name], f"noise.{name}")) for name in components if name in noise}
-        if isinstance(noise, dict)
-        else {},
+        "step": file.step or 0,
+        "noise": {name: abs(noise[name]) for name in components if name in noise},
     }
+
+
+def first_mistake(error: ValidationError) -> str:
+    """The first mistake in a file, as its place and what is wrong there, in one line."""
+    first = error.errors()[0]
+    place = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in first["loc"]).lstrip(".")
+    return one_line(f"{place or 'the file'} {_why(first)}")
+
+
+def _why(mistake: ErrorDetails) -> str:
+    found = mistake.get("ctx", {})
+    match mistake["type"]:
+        case "missing":
+            return "is missing"
+        case "value_error":
+            return str(found["error"])
+        case "string_type":
+            return "must be a text that is not empty"
+        case "string_too_long":
+            return f"is longer than {found['max_length']} characters"
+        case "list_type":
+            return "must be a list that is not empty"
+        case "too_short":
+            least = found["min_length"]
+            return f"must be a list of {least} numbers" if least > 1 else "must be a list that is not empty"
+        case "too_long":
+            return f"has more than {found['max_length']} entries"
+        case "float_type" if type(mistake["input"]) is not int:
+            return "must be a number"
+        case "float_type" | "finite_number" | "greater_than_equal" | "less_than_equal":
+            least = found.get("ge", -_LARGEST_VALUE)
+            return (
+                "must be 0 or more" if least == 0 else f"must be a finite number of at most {_LARGEST_VALUE:g} in size"
+            )
+        case "model_type" | "dict_type":
+            return (
+                "must be an object"
+                if mistake["loc"]
+                else "must hold a JSON object with task, components and candidates"
+            )
+    return mistake["msg"]

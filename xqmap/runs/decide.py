@@ -78,7 +78,9 @@ def cell(decision: Decision, env: ManiSkillEnv) -> int:
 
 
 def default_folder(cfg: DictConfig, name: str) -> Path:
-    """Where a command writes that was not told: in the run's figures, or beside the decision file."""
+    """Where a command writes that was not told: in the run's figures; of a decision file, which may be a stranger's, in
+    the current directory.
+    """
     if cfg.decision is not None:
-        return Path(cfg.decision).parent / name
+        return Path(name)
     return home(cfg.run) / "figures" / f"scene{cfg.scene_seed}"

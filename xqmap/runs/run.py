@@ -15,7 +15,11 @@ from xqmap.models.policy import GreedyPolicy
 from xqmap.runs import checkpoint
 
 # Run directories that ship with the package: ``run=pretrained/<task>``.
-PRETRAINED = Path(__file__).parents[1] / "pretrained"
+PRETRAINED = Path(__file__).resolve().parents[1] / "pretrained"
+
+
+# Settings of earlier versions, on which nothing of what was learned depends.
+_FORMER = {"loss": ("windowed",)}
 
 
 def locate(run: str | Path) -> Path:
@@ -101,8 +105,11 @@ def stored_settings(facts: dict[str, Any], file: Path) -> DictConfig:
         UserError: if it is anything else.
     """
     stored = facts.get("config")
-    if not isinstance(stored, dict) or not _plain(stored):
+    if not isinstance(stored, dict) or not schema.small(stored) or not _plain(stored):
         raise UserError(f"{file} carries no readable settings: train again")
+    for part, names in _FORMER.items():
+        if isinstance(stored.get(part), dict):
+            stored = stored | {part: {name: value for name, value in stored[part].items() if name not in names}}
     try:
         cfg = schema.typed(OmegaConf.create(stored))
         schema.validate(cfg, playing=True)

@@ -11,6 +11,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from xqmap.errors import UserError
 from xqmap.explanations.decision import Decision
 from xqmap.explanations.dialogue import answers
 from xqmap.explanations.dialogue.grounding import ungrounded
@@ -18,11 +19,14 @@ from xqmap.explanations.dialogue.llm import LanguageModel, Message
 from xqmap.explanations.dialogue.questions import Question, understand
 from xqmap.explanations.dialogue.replies import Unanswered, after_thoughts
 from xqmap.explanations.views.sentences import number, phrase, signed, wording_for
+from xqmap.files import read_bytes
 from xqmap.terminal import printable
 
 # Questions and answers the model is reminded of.
 _REMEMBERED = 10
 _LONGEST_QUESTION = 2000
+# Bytes of a conversation that was saved.
+_LARGEST_FILE = 10_000_000
 
 
 @dataclass
@@ -143,11 +147,11 @@ def excerpt(decision: Decision) -> list[tuple[str, str]]:
 def saved_conversation(path: Path, decision: Decision) -> list[tuple[str, str]]:
     """Questions and answers of a ``dialogue.json`` that is about this decision; none where there is no such file."""
     try:
-        saved = json.loads(path.read_text(encoding="utf-8"))
+        saved = json.loads(read_bytes(path, _LARGEST_FILE))
         if saved["decision"] != _identity(decision):
             return []
         return [(printable(str(e["question"])), printable(str(e["answer"]))) for e in saved["exchanges"]]
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+    except (UserError, ValueError, KeyError, TypeError, RecursionError):
         return []
 
 
