@@ -44,19 +44,20 @@ def _printed(name: str) -> str:
 
 _Name = Annotated[str, AfterValidator(_printed)]
 _Number = Annotated[float, AfterValidator(_reckoned)]
+_Count = Annotated[int, Field(ge=0, le=10**9)]
 
 
 class _Run(BaseModel):
     model_config = ConfigDict(strict=True)
 
-    choices: _Number
-    correct: _Number
+    choices: _Count
+    correct: _Count
     regret: _Number
     components: dict[_Name, _Number] = {}
 
     @model_validator(mode="after")
     def _counted(self) -> _Run:
-        if not 0 <= self.correct <= self.choices:
+        if self.correct > self.choices:
             raise ValueError("has more that are correct than choices")
         return self
 

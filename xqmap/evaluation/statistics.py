@@ -7,19 +7,15 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-
-# Two-sided 95 % of the normal distribution.
-Z95 = 1.959963984540054
+from scipy import stats
 
 
 def wilson(correct: int, choices: int) -> tuple[float, float]:
     """The 95 % Wilson interval of a proportion (Wilson, 1927), for one policy's independent choices."""
     if choices == 0:
         return 0.0, 1.0
-    rate, z2 = correct / choices, Z95**2
-    centre = (rate + z2 / (2 * choices)) / (1 + z2 / choices)
-    half = Z95 / (1 + z2 / choices) * math.sqrt(rate * (1 - rate) / choices + z2 / (4 * choices**2))
-    return max(0.0, centre - half), min(1.0, centre + half)
+    low, high = stats.binomtest(correct, choices).proportion_ci(0.95, method="wilson")
+    return float(low), float(high)
 
 
 def success(runs: Sequence[dict[str, Any]]) -> dict[str, Any]:
@@ -43,7 +39,6 @@ def bootstrap(rates: Sequence[float], resamples: int = 10_000) -> tuple[float, f
         rates: one per training seed.
         resamples: how many sets of trainings to draw; the draws are the same at every call.
     """
-    values = np.asarray(rates, dtype=float)
-    drawn = np.random.default_rng(0).integers(len(values), size=(resamples, len(values)))
-    low, high = np.quantile(values[drawn].mean(1), [0.025, 0.975])
+    draws = {"n_resamples": resamples, "rng": np.random.default_rng(0)}
+    low, high = stats.bootstrap((rates,), np.mean, method="percentile", **draws).confidence_interval
     return float(low), float(high)
