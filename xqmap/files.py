@@ -10,6 +10,7 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO
 
 from xqmap.errors import UserError
 
@@ -26,19 +27,33 @@ def read_bytes(path: Path, limit: int, inside: Path | None = None) -> bytes:
         UserError: naming the file and what is wrong with it.
     """
     try:
+        with opened(path, limit, inside) as file:
+            return file.read(limit)
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read ({error.strerror or error})") from None
+
+
+def opened(path: Path, limit: int, inside: Path | None = None) -> BinaryIO:
+    """A regular file to read from, as :func:`read_bytes` takes it.
+
+    Raises:
+        UserError: naming the file and what is wrong with it.
+    """
+    try:
         if inside is not None and not path.resolve().is_relative_to(inside.resolve()):
             raise UserError(f"{path}: a link that leads out of {inside}")
         # A pipe that nobody writes to would be waited for.
-        with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK), "rb") as file:
-            found = os.fstat(file.fileno())
-            if not stat.S_ISREG(found.st_mode):
-                raise UserError(f"{path}: not a regular file")
-            if found.st_size > limit:
-                raise UserError(f"{path}: larger than the {limit:,} bytes that such a file may have")
-            return file.read(found.st_size)
+        file = open(os.open(path, os.O_RDONLY | os.O_NONBLOCK), "rb")  # noqa: SIM115 (the caller closes it)
+        found = os.fstat(file.fileno())
+        if stat.S_ISREG(found.st_mode) and found.st_size <= limit:
+            return file
+        file.close()
+        if stat.S_ISREG(found.st_mode):
+            raise UserError(f"{path}: larger than the {limit:,} bytes that such a file may have")
+        raise UserError(f"{path}: not a regular file")
     except FileNotFoundError:
         raise UserError(f"{path}: there is no such file") from None
-    except (OSError, RuntimeError) as error:  # RuntimeError: links that lead to one another
+    except (OSError, RuntimeError, ValueError) as error:  # links that lead to one another; a name with a zero byte
         raise UserError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or error})") from None
 
 

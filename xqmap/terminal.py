@@ -67,12 +67,13 @@ def endure() -> None:
         sys.stdin.reconfigure(errors="replace")
     # Not what stands in for them: a test's, a notebook's.
     if sys.stdout is sys.__stdout__:
-        sys.stdout = _enduring(1, sys.stdout)
+        sys.stdout = enduring(1, sys.stdout)
     if sys.stderr is sys.__stderr__:
-        sys.stderr = _enduring(2, sys.stderr)
+        sys.stderr = enduring(2, sys.stderr)
 
 
-def _enduring(number: int, stream: TextIO | None) -> io.TextIOWrapper:
+def enduring(number: int, stream: TextIO | None) -> io.TextIOWrapper:
+    """What writes to the open file of that number, in the way of ``stream``, and never fails."""
     return io.TextIOWrapper(
         io.BufferedWriter(_Endless(number, "w", closefd=False)),
         encoding=getattr(stream, "encoding", None),

@@ -204,11 +204,13 @@ def language_model(settings: DictConfig) -> DictConfig:
     return merged
 
 
-# Of a configuration: components, the edges of windows, single values (every evaluation seed is one) and their length.
+# Of a configuration: components, the edges of windows, single values (every evaluation seed is one), their length
+# and levels.
 _MOST_COMPONENTS = 32
 _MOST_WINDOWS = 16
 _MOST_VALUES = 25_000
 _LONGEST_TEXT = 10_000
+_DEEPEST = 20
 
 # What only a training reads: an agent that was trained before a setting of these was thought of plays all the same.
 TRAINING_ONLY = ("exploration", "collector", "replay", "trainer", "logger")
@@ -275,13 +277,15 @@ def small(settings: Any) -> bool:
     """Whether settings, plain values that a stranger may have written, are no more than any training has. To be asked
     before they get their types: that takes a millisecond for each of them.
     """
-    counted, under_way = 0, [settings]
+    counted, under_way = 0, [(settings, 0)]
     while under_way and counted <= _MOST_VALUES:
-        value = under_way.pop()
+        value, depth = under_way.pop()
         counted += 1
         if isinstance(value, dict | list):
+            if depth > _DEEPEST or len(value) > _MOST_VALUES:
+                return False
             inner = [*value, *value.values()] if isinstance(value, dict) else value
-            under_way += inner[: _MOST_VALUES + 1]
+            under_way += [(entry, depth + 1) for entry in inner]
         elif isinstance(value, str) and len(value) > _LONGEST_TEXT:
             return False
     return counted <= _MOST_VALUES

@@ -17,7 +17,7 @@ from torch import Tensor
 
 from xqmap.config import arguments
 from xqmap.errors import UserError
-from xqmap.files import forget_unfinished, replacing
+from xqmap.files import forget_unfinished, opened, replacing
 
 # The newest policy, the one that chose best among the last training decisions, and what it takes to go on from a
 # decision.
@@ -25,6 +25,10 @@ POLICY = Path("checkpoint/policy.safetensors")
 BEST = Path("checkpoint/best.safetensors")
 TRAINING = "checkpoint/training-{:06d}.safetensors"
 _FORMAT = 2
+# Bytes of a policy and of a training, which has the replay buffer with it; signs of the facts beside the tensors.
+_LARGEST_POLICY = 4 * 2**30
+_LARGEST_TRAINING = 2**40
+_LONGEST_FACTS = 20_000_000
 # What a checkpoint of a training tells besides what a policy's does.
 _TO_GO_ON = (
     "frames",
@@ -70,15 +74,24 @@ def write(path: Path, tensors: dict[str, Tensor], facts: dict[str, Any]) -> None
             raise OSError(code, os.strerror(code), str(path)) from None
 
 
-def read(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
+def read(path: Path, limit: int = _LARGEST_POLICY) -> tuple[dict[str, Tensor], dict[str, Any]]:
     """What :func:`write` wrote, after checking it.
+
+    Args:
+        path: of the file.
+        limit: bytes it may have.
 
     Raises:
         UserError: if the file is missing, damaged, foreign or of another format.
     """
+    if not path.exists():
+        raise UserError(f"there is no {path}: give the directory of a run that got as far as its first checkpoint")
+    opened(path, limit).close()
     try:
         with safe_open(path, framework="pt") as file:
             metadata = file.metadata() or {}
+            if len(metadata.get("xqmap", "")) > _LONGEST_FACTS:
+                raise UserError(f"{path} was not written by xqmap: no training has so much to tell")
             stored = metadata.get("format", "")
             if "xqmap" not in metadata or not stored.isdecimal():
                 raise UserError(f"{path} was not written by xqmap: give the directory of one of its runs")
@@ -91,10 +104,6 @@ def read(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
                 )
             facts = json.loads(metadata["xqmap"])
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (not a dictionary)
-    except FileNotFoundError:
-        raise UserError(
-            f"there is no {path}: give the directory of a run that got as far as its first checkpoint"
-        ) from None
     except (SafetensorError, ValueError, RecursionError, OSError) as error:
         raise UserError(f"{path} is damaged ({str(error)[:200]}): train again or use another run") from None
     if not isinstance(facts, dict) or weights_sha256(tensors) != facts.get("sha256"):
@@ -130,7 +139,7 @@ def read_training(place: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
             "first one"
         )
     try:
-        found = read(kept[0])
+        found = read(kept[0], _LARGEST_TRAINING)
         if missing := [name for name in _TO_GO_ON if name not in found[1]]:
             raise UserError(
                 f"{kept[0]} holds no training to go on from (no {missing[0]}): give resume=DIR, a run directory"

@@ -65,6 +65,23 @@ def test_every_damaged_file_is_refused(policy: Path) -> None:
     load_run(policy)
 
 
+def test_what_is_no_file_is_refused_at_once_by_every_reader(tmp_path: Path) -> None:
+    tried, refused = hostile.refused_places(tmp_path / "places")
+    assert tried == refused > 20
+
+
+def test_more_than_anybody_has_is_refused_before_it_is_worked_on(policy: Path) -> None:
+    tried, refused = hostile.refused_crowds(policy / checkpoint.POLICY)
+    assert tried == refused == 9
+    load_run(policy)
+
+
+def test_a_run_of_before_plays_on(policy: Path) -> None:
+    assert "windowed" not in load_run(changed(policy, config__loss__windowed=True)).cfg.loss
+    with pytest.raises(UserError, match="windowd"):
+        load_run(changed(policy, config__loss__windowd=True))
+
+
 def test_a_strangers_run_directory_is_safe_to_open(policy: Path, tmp_path: Path) -> None:
     marker = tmp_path / "was_run"
     for environment in hostile.settings(marker):

@@ -9,6 +9,7 @@ import multiprocessing
 import os
 import signal
 import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -21,6 +22,7 @@ from xqmap.benchmarks.robustness.interruptions import unharmed
 from xqmap.benchmarks.robustness.soak import children
 from xqmap.errors import UserError
 from xqmap.runs import checkpoint
+from xqmap.terminal import enduring
 from xqmap.trainers.callbacks import Checkpoints, make_trainer
 from xqmap.trainers.trainer import Trainer
 
@@ -104,6 +106,27 @@ def _hang(trainer: Trainer, at: int) -> None:
     trainer.env._decide = stuck  # type: ignore[method-assign]
 
 
+def _sleep(trainer: Trainer, at: int) -> None:
+    """A laptop's lid is closed in the middle of a decision, for longer than one may take."""
+    make, made = trainer.env._decide, 0
+
+    def asleep(tensordict: Any) -> Any:
+        nonlocal made
+        made += 1
+        if made == at:
+            trainer.env._limit = 1.0
+            with subprocess.Popen(["sh", "-c", f"sleep 2.5; kill -CONT {os.getpid()}"]):
+                os.kill(os.getpid(), signal.SIGSTOP)
+        return make(tensordict)
+
+    trainer.env._decide = asleep  # type: ignore[method-assign]
+
+
+def _silence(trainer: Trainer, at: int) -> None:
+    """Nothing that is printed can be written any more."""
+    sys.stdout = sys.stderr = enduring(os.open("/dev/full", os.O_WRONLY), None)
+
+
 def _void_loss(trainer: Trainer, at: int) -> None:
     update = trainer._update
 
@@ -177,6 +200,11 @@ FAULTS = {
     "NaN in a reward": Fault(_at_step(_void_reward), True),
     "NaN in the loss": Fault(_void_loss, True),
     "worker killed": Fault(_kill_worker, None, {"collector": {"name": "parallel", "workers": 2}}, repeats=False),
+    "terminal gone": Fault(
+        lambda trainer, at: _at_decision(trainer, at, lambda: signal.raise_signal(signal.SIGHUP)), True
+    ),
+    "suspended in mid-decision": Fault(_sleep, False),
+    "output that is full": Fault(_silence, False),
     "wandb killed": Fault(_kill_wandb, False, {"logger": {"mode": "offline"}}),
     "disk full": Fault(_after_save(_fill), True),
     "directory turns read-only": Fault(
@@ -230,12 +258,15 @@ def suffer(cfg: DictConfig, directory: Path, fault: Fault) -> tuple[bool, int, s
     directory.mkdir(parents=True, exist_ok=True)
     cfg = OmegaConf.merge(cfg, fault.settings)  # type: ignore[assignment]
     trainer, line = make_trainer(cfg, directory), ""
+    streams = sys.stdout, sys.stderr
     fault.inject(trainer, cfg.trainer.frames // 2)
     try:
         trainer.run()
+        line = f"stopped by signal {trainer.stopped_by}" if trainer.stopped_by else ""
     except (UserError, OSError) as error:
         line = str(error)
     finally:
+        sys.stdout, sys.stderr = streams
         trainer.close()
     lost = unharmed(directory)
     mend(directory)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import json
+import os
 import random
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,7 +14,10 @@ from omegaconf import OmegaConf
 
 from xqmap.config import build
 from xqmap.errors import UserError
+from xqmap.evaluation import file as evaluation
+from xqmap.explanations import Decision
 from xqmap.runs import checkpoint
+from xqmap.runs.run import load_run
 
 # Callables that would do something; the last of them hide behind trusted names.
 TARGETS = (
@@ -68,6 +73,82 @@ def refused_settings(folder: Path) -> tuple[int, int]:
                 make()
             except UserError:
                 refused += not marker.exists()
+    return tried, refused
+
+
+def places(folder: Path) -> Iterator[Path]:
+    """Places in ``folder`` where a file is expected and none is: a pipe, devices, a folder, links in a circle, a file
+    that only claims to be large.
+    """
+    for name, there in {"device": "/dev/zero", "terminal": "/dev/tty", "circle": "circle"}.items():
+        (folder / name).symlink_to(there)
+        yield folder / name
+    os.mkfifo(folder / "pipe")
+    yield folder / "pipe"
+    (folder / "folder").mkdir()
+    yield folder / "folder"
+    with open(folder / "large", "wb") as file:
+        file.truncate(2**40)
+    yield folder / "large"
+
+
+def refused_places(folder: Path) -> tuple[int, int]:
+    """At how many places each reader of files was sent, and how often it refused at once."""
+    folder.mkdir()
+    tried = refused = 0
+    for place in places(folder):
+        for read in (Decision.load, load_run, checkpoint.read, evaluation.read):
+            tried += 1
+            door = place
+            if read is load_run:  # a single policy is known by its ending
+                door = place.with_name(f"{place.name}.safetensors")
+                door.symlink_to(place)
+            try:
+                read(door)  # type: ignore[operator]
+            except UserError:
+                refused += 1
+    return tried, refused
+
+
+def crowds(facts: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    """The facts of a policy with more of something than anybody has."""
+    many = [f"c{i}" for i in range(100_000)]
+    deep: list[Any] = []
+    for _ in range(900):
+        deep = [deep]
+    for place, value in {
+        "task.components": many,
+        "method.components": many,
+        "method.weights": [1.0] * 100_000,
+        "task.weights": dict.fromkeys(many, 1.0),
+        "task.env.blocks": deep,
+        "task.name": "x" * 1_000_000,
+        "qnet.plane_windows": list(range(3, 10_003, 2)),
+        "qnet.width": 10**9,
+        "evaluation.seeds": list(range(1_000_000)),
+    }.items():
+        changed = copy.deepcopy(facts)
+        part, name = place.rsplit(".", 1)
+        inner = changed["config"]
+        for key in part.split("."):
+            inner = inner[key]
+        inner[name] = value
+        yield changed
+
+
+def refused_crowds(file: Path) -> tuple[int, int]:
+    """How many policies like ``file`` name too much of something, and how many of them are refused."""
+    tensors, facts = checkpoint.read(file)
+    tried = refused = 0
+    crowded = file.with_name("crowded.safetensors")
+    for changed in crowds(facts):
+        checkpoint.write(crowded, tensors, changed)
+        tried += 1
+        try:
+            load_run(crowded)
+        except UserError:
+            refused += 1
+    crowded.unlink()
     return tried, refused
 
 

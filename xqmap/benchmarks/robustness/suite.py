@@ -81,6 +81,8 @@ def injected(cfg: DictConfig, see: DictConfig, rounds: int) -> dict[str, Any]:
                 )
             ),
             "settings": hostile.refused_settings(folder),
+            "places": hostile.refused_places(folder / "places"),
+            "crowds": hostile.refused_crowds(folder / "alone" / checkpoint.POLICY),
         }.items():
             result |= {f"hostile_{name}": given, f"hostile_{name}_refused": refused}
     return result
