@@ -100,3 +100,25 @@ def test_nothing_stands_in_for_what_stands_in(capsys: pytest.CaptureFixture[str]
     terminal.endure()
     assert (sys.stdout, sys.stderr) == before
     assert "−–é…漢".encode("ascii", "spelled") == b"--e...?"
+
+
+_NEIGHBOUR_GONE = """
+import socket, sys, time
+from multiprocessing import resource_sharer
+from xqmap import terminal
+if sys.argv[1] == "quiet":
+    terminal.pass_over_the_gone()
+served = resource_sharer.DupFd(0)
+address, _ = served._id
+neighbour = socket.socket(socket.AF_UNIX)
+neighbour.connect(address)
+neighbour.close()
+time.sleep(1)
+"""
+
+
+@pytest.mark.parametrize(("how", "told"), [("quiet", False), ("as it comes", True)])
+def test_a_neighbour_that_ends_while_it_fetches_something_is_no_news(how: str, told: bool) -> None:
+    done = subprocess.run([sys.executable, "-c", _NEIGHBOUR_GONE, how], capture_output=True, text=True, timeout=600)
+    assert done.returncode == 0, done.stderr
+    assert ("Traceback" in done.stderr) is told, done.stderr

@@ -9,7 +9,9 @@ import io
 import os
 import re
 import sys
+import threading
 import unicodedata
+from types import TracebackType
 from typing import Any, TextIO
 
 _SPELLING = {"−": "-", "–": "-", "—": "-", "±": "+-", "÷": "/", "×": "x", "·": "*", "→": "->"}
@@ -81,6 +83,19 @@ def enduring(number: int, stream: TextIO | None) -> io.TextIOWrapper:
         line_buffering=getattr(stream, "line_buffering", True),
         write_through=getattr(stream, "write_through", False),
     )
+
+
+def pass_over_the_gone() -> None:
+    """Says nothing about a neighbour that ended while it fetched what the two of them share: multiprocessing serves
+    that in a thread of its own, whose stacks would go to the terminal. The loss itself is told by who needed it.
+    """
+    sys.excepthook = _tell_no_loss
+
+
+def _tell_no_loss(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
+    gone = isinstance(error, (ConnectionError, EOFError))
+    if not gone or threading.current_thread() is threading.main_thread():
+        sys.__excepthook__(kind, error, trace)
 
 
 def _spelled(error: UnicodeError) -> tuple[str, int]:

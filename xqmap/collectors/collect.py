@@ -1,37 +1,33 @@
 """Who makes the decisions that training learns from: one simulator in this process, worker processes, or machines of a
 Ray cluster.
 
-All of it is torchrl's own; this file only says what a worker builds, and turns a worker's end into one clear line.
+What collects is torchrl's own; this file says which, and turns a worker's end into one clear line.
 """
 
 from __future__ import annotations
 
-import os
 import signal
-import sys
-import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import partial
 from importlib.util import find_spec
 from multiprocessing import resource_tracker
-from types import TracebackType
 from typing import Any
 
 import torch
 from omegaconf import DictConfig
 from tensordict import TensorDict, TensorDictBase
-from tensordict.nn import TensorDictModuleBase, TensorDictSequential
+from tensordict.nn import TensorDictModuleBase
 from torchrl.collectors import Collector
 from torchrl.collectors._base import BaseCollector
 from torchrl.weight_update import MultiProcessWeightSyncScheme
 
 from xqmap import keys
+from xqmap.collectors import worker
 from xqmap.config import build
 from xqmap.envs.maniskill import ManiSkillEnv
 from xqmap.errors import UserError, WorkerLost, brief
 from xqmap.evaluation.play import SCENES_PER_TRAINING, training_scenes
-from xqmap.models.policy import GreedyPolicy
-from xqmap.terminal import endure, one_line, say
+from xqmap.terminal import pass_over_the_gone
 
 # Seconds that workers may take to say that they have their new weights.
 _PATIENCE = 60.0
@@ -51,10 +47,23 @@ def collector(cfg: DictConfig, env: ManiSkillEnv, policy: TensorDictModuleBase, 
         return Collector(env, policy, frames_per_batch=settings.frames_per_batch, total_frames=-1, trust_policy=True)
     pass_over_the_gone()
     apart = SCENES_PER_TRAINING // settings.workers
-    envs = [_Worker(build.make_env(cfg, training_scenes(cfg.seed) + i * apart + made)) for i in range(settings.workers)]
-    policies = [partial(_policy, cfg, env.grid.pixel_size, i * apart + made) for i in range(settings.workers)]
-    # The trainer ends the collection: to Ray, -1 would mean no frames at all.
-    shared: dict[str, Any] = {"total_frames": settings.workers * settings.frames_per_batch << 40, "trust_policy": True}
+    first = [i * apart + made for i in range(settings.workers)]
+    makes = [build.make_env(cfg, training_scenes(cfg.seed) + scene) for scene in first]
+    policies = [partial(worker.policy, cfg, env.grid.pixel_size, scene) for scene in first]
+    # Whole episodes, so that what is logged and learned never mixes two workers' decisions.
+    whole = {"trajs_per_batch": settings.episodes_per_batch, "traj_format": "cat"}
+    if settings.name == "ray":
+        if find_spec("ray") is None:
+            raise UserError("collector=ray needs the package ray: pip install 'xqmap[ray]'")
+        from xqmap.collectors.cluster import Cluster  # which needs the package
+
+        envs = [partial(worker.environment, make) for make in makes]
+        source = Cluster(envs, policies, cfg.task.name, {"frames_per_batch": settings.frames_per_batch, **whole})
+        share(source, policy)
+        return source
+    envs = [partial(worker.telling_environment, make) for make in makes]
+    # The trainer ends the collection.
+    shared: dict[str, Any] = {"total_frames": -1, "trust_policy": True}
     processes: dict[str, Any] = {"backend": "process", "policy_factory": policies, "policy_device": "cpu"}
     if settings.name == "ordered":
         synced = {"policy": _Acknowledged()}
@@ -63,20 +72,6 @@ def collector(cfg: DictConfig, env: ManiSkillEnv, policy: TensorDictModuleBase, 
             envs, policy, sync=True, frames_per_batch=frames, weight_sync_schemes=synced, **processes, **shared
         )
     shared |= {"frames_per_batch": settings.frames_per_batch, "sync": False}
-    # Whole episodes, so that what is logged and learned never mixes two workers' decisions.
-    whole = {"trajs_per_batch": settings.episodes_per_batch, "traj_format": "cat"}
-    if settings.name == "ray":
-        if find_spec("ray") is None:
-            raise UserError("collector=ray needs the package ray: pip install 'xqmap[ray]'")
-        remote = {"num_cpus": 1, "num_gpus": 0}
-        kwargs = [dict(whole) for _ in envs]
-        try:
-            return Collector(
-                envs, backend="ray", policy_factory=policies, collector_kwargs=kwargs, remote_configs=remote, **shared
-            )
-        except Exception as error:  # Ray's are of no common kind
-            fix = "see that RAY_ADDRESS names a cluster, or is not set"
-            raise UserError(f"collector=ray: no worker starts ({brief(error)}): {fix}") from error
     # Not waiting for an answer: a worker that died would never give one.
     synced = {"policy": _Unheard(sync=False)}
     return Collector(envs, policy, weight_sync_schemes=synced, **processes, **whole, **shared)
@@ -89,19 +84,6 @@ def outlive_the_terminal() -> None:
     blocked = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGHUP])
     resource_tracker.ensure_running()
     signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
-
-
-def pass_over_the_gone() -> None:
-    """Says nothing about a neighbour that ended while it fetched what the two of them share: multiprocessing serves
-    that in a thread of its own, whose stacks would go to the terminal. The loss itself is told by who needed it.
-    """
-    sys.excepthook = _tell_no_loss
-
-
-def _tell_no_loss(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
-    gone = isinstance(error, (ConnectionError, EOFError))
-    if not gone or threading.current_thread() is threading.main_thread():
-        sys.__excepthook__(kind, error, trace)
 
 
 class _Unheard(MultiProcessWeightSyncScheme):
@@ -159,54 +141,10 @@ def _in_order(source: BaseCollector, episodes: int) -> Iterator[TensorDictBase]:
 
 def share(source: BaseCollector, policy: TensorDictModuleBase) -> None:
     """Sends the present weights, and how far exploration has come, to the workers."""
-    # A copy, since the next update may begin before it has arrived; in plain memory order, which is all that Ray's
-    # transport takes.
-    weights = TensorDict.from_module(policy).data.cpu()
-    source.update_policy_weights_(weights.apply(partial(torch.clone, memory_format=torch.contiguous_format)))
+    # A copy, since the next update may begin before it has arrived.
+    source.update_policy_weights_(TensorDict.from_module(policy).data.cpu().clone())
 
 
 def close(source: BaseCollector, alone: bool) -> None:
     """Ends the workers; the simulator of this process (``alone``) stays open."""
     source.shutdown(**({"close_env": False} if alone else {}))
-
-
-class _Worker:
-    """Builds the environment where it is called. Ctrl-C and the end of the terminal reach every process: the trainer
-    alone answers them.
-
-    What fails there is told there, in one line, and ends the process: raised, it would be told with all its stacks.
-    """
-
-    def __init__(self, make: Callable[[], ManiSkillEnv]) -> None:
-        self.make = make
-
-    def __call__(self) -> ManiSkillEnv:
-        endure()
-        pass_over_the_gone()
-        for number in (signal.SIGINT, signal.SIGHUP):
-            signal.signal(number, signal.SIG_IGN)
-        # The processors belong to the other workers and to the updates.
-        os.environ.setdefault("LP_NUM_THREADS", "1")
-        torch.set_num_threads(1)
-        env = self.make()
-        for name in ("_reset", "_step"):
-            setattr(env, name, partial(_or_end, getattr(env, name)))
-        return env
-
-
-def _or_end(act: Callable[..., TensorDictBase], *args: Any, **kwargs: Any) -> TensorDictBase:
-    try:
-        return act(*args, **kwargs)
-    except UserError as error:
-        say(one_line(f"error in a worker: {error}"), to=sys.stderr)
-        os._exit(1)
-
-
-def _policy(cfg: DictConfig, pixel_size: float, seed: int) -> TensorDictModuleBase:
-    """A worker's own copy of the policy, on its processor, with random numbers of its own."""
-    cfg = cfg.copy()
-    cfg.device = "cpu"
-    exploration = build.exploration(cfg)
-    exploration.generator.manual_seed((cfg.seed * SCENES_PER_TRAINING + seed) % 2**63)
-    network = build.qmaps(cfg, pixel_size).to(memory_format=torch.contiguous_format)
-    return TensorDictSequential(GreedyPolicy(network), exploration).requires_grad_(False)
