@@ -98,6 +98,18 @@ def test_a_decision_file_is_talked_about(tmp_path: Path) -> None:
     assert "OPENAI_API_KEY" in bad.stderr
 
 
+def test_nothing_is_written_beside_a_decision_that_may_be_a_strangers(tmp_path: Path) -> None:
+    theirs, here = tmp_path / "theirs", tmp_path / "here"
+    theirs.mkdir()
+    here.mkdir()
+    path = decision_file(theirs)
+    for command, more in (("explain", []), ("chat", ["question=why"])):
+        done = call(command, f"decision={path}", *more, cwd=here)
+        assert done.returncode == 0, done.stderr
+    assert [entry.name for entry in theirs.iterdir()] == ["decision.json"]
+    assert {"explanation.txt", "dialogue.json"} <= {entry.name for entry in (here / "explanation").iterdir()}
+
+
 def test_doctor_finds_this_machine_fit(tmp_path: Path) -> None:
     done = call("doctor", cwd=tmp_path)
     assert done.returncode == 0, done.stdout

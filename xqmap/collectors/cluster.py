@@ -23,6 +23,7 @@ from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torchrl.collectors import Collector
 
+from xqmap.collectors.worker import ENDLESS
 from xqmap.envs.maniskill import ManiSkillEnv
 from xqmap.errors import UserError, WorkerLost, brief
 from xqmap.terminal import say
@@ -128,7 +129,7 @@ class _Worker:
     def start(self, env: MakeEnv, policy: MakePolicy, settings: Mapping[str, Any]) -> Place:
         """Builds everything; returns where that is."""
         self.policy = policy()
-        self.batches = iter(Collector(env(), self.policy, total_frames=-1, trust_policy=True, **settings))
+        self.batches = iter(Collector(env(), self.policy, **ENDLESS, **settings))
         return Place(platform.node(), os.getpid(), os.readlink("/proc/self/fd/2"))
 
     def next(self) -> TensorDictBase:

@@ -44,7 +44,7 @@ def collector(cfg: DictConfig, env: ManiSkillEnv, policy: TensorDictModuleBase, 
     """
     settings = cfg.collector
     if settings.name == "single":
-        return Collector(env, policy, frames_per_batch=settings.frames_per_batch, total_frames=-1, trust_policy=True)
+        return Collector(env, policy, frames_per_batch=settings.frames_per_batch, **worker.ENDLESS)
     pass_over_the_gone()
     apart = SCENES_PER_TRAINING // settings.workers
     first = [i * apart + made for i in range(settings.workers)]
@@ -62,19 +62,19 @@ def collector(cfg: DictConfig, env: ManiSkillEnv, policy: TensorDictModuleBase, 
         share(source, policy)
         return source
     envs = [partial(worker.telling_environment, make) for make in makes]
-    # The trainer ends the collection.
-    shared: dict[str, Any] = {"total_frames": -1, "trust_policy": True}
-    processes: dict[str, Any] = {"backend": "process", "policy_factory": policies, "policy_device": "cpu"}
+    processes: dict[str, Any] = worker.ENDLESS | {
+        "backend": "process",
+        "policy_factory": policies,
+        "policy_device": "cpu",
+    }
     if settings.name == "ordered":
         synced = {"policy": _Acknowledged()}
         frames = settings.frames_per_batch * settings.workers
-        return Collector(
-            envs, policy, sync=True, frames_per_batch=frames, weight_sync_schemes=synced, **processes, **shared
-        )
-    shared |= {"frames_per_batch": settings.frames_per_batch, "sync": False}
+        return Collector(envs, policy, sync=True, frames_per_batch=frames, weight_sync_schemes=synced, **processes)
+    processes |= {"frames_per_batch": settings.frames_per_batch, "sync": False}
     # Not waiting for an answer: a worker that died would never give one.
     synced = {"policy": _Unheard(sync=False)}
-    return Collector(envs, policy, weight_sync_schemes=synced, **processes, **whole, **shared)
+    return Collector(envs, policy, weight_sync_schemes=synced, **processes, **whole)
 
 
 def outlive_the_terminal() -> None:

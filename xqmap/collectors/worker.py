@@ -21,6 +21,10 @@ from xqmap.evaluation.play import SCENES_PER_TRAINING
 from xqmap.models.policy import GreedyPolicy
 from xqmap.terminal import endure, one_line, pass_over_the_gone, say
 
+# What every collector of torchrl's is told: the trainer ends the collection; the policy is our own, and needs no
+# transform that torchrl would add.
+ENDLESS: dict[str, Any] = {"total_frames": -1, "trust_policy": True, "auto_register_policy_transforms": False}
+
 
 def environment(make: Callable[[], ManiSkillEnv]) -> ManiSkillEnv:
     """Builds the environment here, in a worker. Ctrl-C and the end of the terminal reach every process: the trainer

@@ -111,9 +111,14 @@ class Trainer:
         Returns:
             The greedy policy as learned.
         """
-        if self.frames >= self.cfg.trainer.frames:
+        try:
+            if self.frames < self.cfg.trainer.frames:
+                self._run()
+        finally:
             self.log.close()
-            return self.greedy
+        return self.greedy
+
+    def _run(self) -> None:
         drawn = randomness.states(self.generators())
         explored = self.exploration.frames.clone()
         policy, alone = TensorDictSequential(self.greedy, self.exploration), self.cfg.collector.name == "single"
@@ -145,8 +150,6 @@ class Trainer:
             for callback in self.callbacks:
                 callback.end(self)
             collect.close(collector, alone)
-            self.log.close()
-        return self.greedy
 
     def state(self) -> Saved:
         """Everything needed to go on: tensors, and facts that are JSON."""

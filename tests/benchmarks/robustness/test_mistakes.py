@@ -67,6 +67,8 @@ MISTAKES = [
     # found out before the work, not after it
     ("evaluate", ["run=pretrained/landing", "out=/proc/nowhere/evaluation.json"], "/proc/nowhere"),
     ("evaluate", ["run=pretrained/landing", "out=."], "."),
+    *((command, ["run=pretrained/landing", "out=/proc/nowhere"], "/proc/nowhere") for command in ("explain", "chat")),
+    *((command, ["run=pretrained/landing", "decision=good.json"], "not both") for command in ("explain", "chat")),
     ("film", ["run=pretrained/landing", "out=good.json/film.mp4"], "good.json"),
     ("bench", ["what=soak", "out=/proc/nowhere/bench.json"], "/proc/nowhere"),
     ("report", ["runs=nowhere"], "nowhere"),
@@ -83,6 +85,8 @@ MISTAKES = [
     ("train", ["+task=landing", "qnet.plane_windows=[4]"], "qnet.plane_windows"),
     ("train", ["+task=landing", "evaluation.until={shape: 3}"], "evaluation.until"),
     ("train", ["+task=landing", "seed=1e99"], "seed"),
+    ("train", ["+task=landing", "evaluation.seeds=[1,2,1]"], "evaluation.seeds names 1 twice"),
+    ("train", ["+task=landing", f"qnet.plane_windows={[3] * 17}".replace(" ", "")], "qnet.plane_windows has 17"),
     ("train", ["+task=landing", f"seed={'9' * 5000}"], "digits"),
     ("train", ["+task=landing", "threads=0"], "threads"),
     ("train", ["+task=landing", "loss=nothing"], "loss/nothing"),
