@@ -3,7 +3,7 @@
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: setup lock train test lint browser paper pretrained
+.PHONY: setup lock train test lint browser docs paper pretrained
 
 # Quick the second time. A lost Vulkan driver is found either way.
 setup:
@@ -44,3 +44,7 @@ browser: setup
 # What computes shares the two processors with its neighbour, so each process gets one thread.
 test: lint browser
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile
+
+# The documentation into site/, without network: a link or an anchor that leads nowhere fails.
+docs: setup
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict

@@ -42,7 +42,7 @@ class Decision:
         maps: ``[K, H, W]``: the weighted Q-Maps, NaN where an action cannot be chosen; None likewise.
         scene: what lies on each cell; None likewise.
 
-    Example:
+    Examples:
         >>> from xqmap.explanations import Candidate, Decision
         >>> decision = Decision(
         ...     "landing",

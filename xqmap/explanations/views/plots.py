@@ -74,7 +74,7 @@ def rdx(decision: Decision) -> Figure:
 def bars(decision: Decision) -> Figure:
     """Part 2 as one figure: values and differences.
 
-    Example:
+    Examples:
         >>> from xqmap.explanations import Candidate, Decision
         >>> from xqmap.explanations.views import plots
         >>> selected = Candidate("Selected", "blue cube", {"shape": 0.98, "color": 0.81})
