@@ -3,7 +3,7 @@
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: setup lock train test lint browser docs paper pretrained
+.PHONY: setup lock train test test-fast lint browser docs paper pretrained
 
 # Quick the second time. A lost Vulkan driver is found either way.
 setup:
@@ -48,3 +48,7 @@ test: lint browser
 # The documentation into site/, without network: a link or an anchor that leads nowhere fails.
 docs: setup
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
+
+# For every save: what neither simulates nor trains.
+test-fast: setup
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 -m "not sim"

@@ -75,7 +75,7 @@ def test_a_killed_worker_and_a_failing_simulator_end_the_run_with_nothing_lost(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     run_directory.mkdir()
-    trainer = make_trainer(config("trainer.frames=1000"), run_directory)
+    trainer = make_trainer(config("trainer.frames=1000", "trainer.warmup_frames=0"), run_directory)
     step, killed = trainer._step, []
 
     def killing(batch):  # type: ignore[no-untyped-def]
@@ -97,7 +97,9 @@ def test_a_killed_worker_and_a_failing_simulator_end_the_run_with_nothing_lost(
     # It goes on, until a simulator fails.
     monkeypatch.setattr(build, "make_env", lambda cfg, first_scene: partial(failing_env, cfg, first_scene))
     saved = checkpoint.read_training(run_directory)
-    second = make_trainer(config("trainer.frames=1000", "collector.workers=1"), run_directory, saved)
+    second = make_trainer(
+        config("trainer.frames=1000", "trainer.warmup_frames=0", "collector.workers=1"), run_directory, saved
+    )
     assert len(second.replay) == trainer.frames
     with pytest.raises(WorkerLost) as failed:
         second.run()
