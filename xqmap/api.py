@@ -68,10 +68,10 @@ def make_env(agent: Run | str, *changes: str, scene: int = 0) -> ManiSkillEnv:
     Raises:
         UserError: if nothing can be drawn here, or a setting is refused.
     """
-    doctor.require_rendering()
     if isinstance(agent, Run) and changes:
         raise UserError("an agent's world is as it was trained: change the settings of a world by its name")
     cfg = agent.cfg if isinstance(agent, Run) else settings(agent, *changes)
+    doctor.require_rendering(build.world(cfg))
     return build.make_env(cfg, first_scene=scene)()
 
 
@@ -151,7 +151,7 @@ def learn(task: str, *changes: str, out: str | Path) -> Run:
     cfg, directory = settings(task, *changes), Path(out)
     if (directory / checkpoint.POLICY).exists():
         raise UserError(f"{directory} already holds a run: choose another out")
-    doctor.require_rendering()
+    doctor.require_rendering(build.world(cfg))
     directory.mkdir(parents=True, exist_ok=True)
     with locks.alone(directory):
         training.train(cfg, directory, None, {"config": cfg}, arguments.command("train", resume=directory))

@@ -9,7 +9,7 @@ from hydra import compose
 from omegaconf import DictConfig
 
 from xqmap import doctor
-from xqmap.config import cli, schema
+from xqmap.config import build, cli, schema
 from xqmap.errors import UserError
 from xqmap.files import require_place, write_atomically
 from xqmap.terminal import say
@@ -20,7 +20,8 @@ def bench(cfg: DictConfig) -> None:
     # Importing the simulator takes seconds, which a wrong argument need not wait for.
     from xqmap.benchmarks.replay import replay
     from xqmap.benchmarks.robustness.suite import ROBUSTNESS
-    from xqmap.benchmarks.speed import BENCHMARKS, Benchmark, machine
+    from xqmap.benchmarks.speed import BENCHMARKS, Benchmark
+    from xqmap.benchmarks.timing import machine
 
     benchmarks = BENCHMARKS | {"replay": Benchmark(replay, 9)}
     known = benchmarks | {name: Benchmark(*what) for name, what in ROBUSTNESS.items()}
@@ -33,7 +34,7 @@ def bench(cfg: DictConfig) -> None:
         require_place(Path(cfg.out))
     settings = compose("config", [f"+task={cfg.task_name}", *cfg.settings])
     schema.validate(settings)
-    doctor.require_rendering()
+    doctor.require_rendering(build.world(settings))
     results = {name: known[name].run(settings, cfg.perception, cfg.rounds or known[name].rounds) for name in chosen} | {
         "machine": machine()
     }

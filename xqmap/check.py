@@ -19,7 +19,7 @@ def check(cfg: DictConfig) -> None:
         UserError: if something is to be mended.
     """
     schema.validate(cfg)
-    doctor.require_rendering()
+    doctor.require_rendering(build.world(cfg))
 
     def make_task(weights: dict[str, float]) -> Task:
         weighed = cfg.copy()

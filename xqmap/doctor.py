@@ -103,12 +103,18 @@ def memory() -> Finding:
 CHECKS: dict[str, Callable[[], Finding]] = {f.__name__: f for f in (vulkan, packages, threads, disk, memory)}
 
 
-def require_rendering() -> None:
-    """The part of the check-up without which no world can be drawn.
+def require_rendering(world: type) -> None:
+    """The part of the check-up without which no world of ManiSkill's or SAPIEN's can be drawn; others draw their own
+    way.
+
+    Args:
+        world: the class of the world.
 
     Raises:
         UserError: with the fix.
     """
+    if not any(base.__module__.partition(".")[0] in ("mani_skill", "sapien") for base in world.__mro__):
+        return
     finding = vulkan()
     if not finding.ok:
         raise UserError(finding.line)

@@ -7,7 +7,7 @@ from pathlib import Path
 from omegaconf import DictConfig, OmegaConf
 
 from xqmap import doctor
-from xqmap.config import cli
+from xqmap.config import build, cli
 from xqmap.errors import UserError
 from xqmap.evaluation import sheets
 from xqmap.evaluation.file import evaluation_file
@@ -34,7 +34,7 @@ def evaluate(cfg: DictConfig) -> None:
         for changed, sheet in zip(runs, played, strict=True):
             require_own(evaluation_file(run.directory, sheet), changed.cfg, cfg.task)
     outs = [require_place(Path(cfg.out or evaluation_file(run.directory, sheet))) for sheet in played]
-    doctor.require_rendering()
+    doctor.require_rendering(build.world(run.cfg))
     for changed, sheet, out in zip(runs, played, outs, strict=True):
         evaluate_run(changed, changed.cfg.evaluation, out, sheet)
 

@@ -30,7 +30,7 @@ def film(cfg: DictConfig) -> None:
     if out.suffix != ".mp4":
         raise UserError(f"out={out} must end with .mp4")
     require_place(out)
-    doctor.require_rendering()
+    doctor.require_rendering(build.world(run.cfg))
     settings = OmegaConf.merge(run.cfg, {"task": {"env": {"render_mode": "rgb_array"}}})
     assert isinstance(settings, DictConfig)
     env = build.make_env(settings, first_scene=cfg.scene_seed)()

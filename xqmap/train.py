@@ -14,7 +14,7 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 
 from xqmap import doctor
-from xqmap.config import arguments, cli, schema
+from xqmap.config import arguments, build, cli, schema
 from xqmap.errors import UserError
 from xqmap.evaluation import sheets, sweeps
 from xqmap.runs import checkpoint, locks
@@ -47,7 +47,7 @@ def train(cfg: DictConfig) -> float:
             )
         schema.validate(cfg)
         sheets.chosen(cfg.task.name, cfg.sheets)
-        doctor.require_rendering()
+        doctor.require_rendering(build.world(cfg))
         if cfg.threads:
             torch.set_num_threads(cfg.threads)
         if sweep:

@@ -23,7 +23,6 @@ TOY = ["+task=toy"]
 @pytest.fixture
 def sweep(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Path]:
     """Runs ``python -m xqmap.train -m`` in this process; returns the sweep's directory."""
-    monkeypatch.setattr(doctor, "require_rendering", lambda: None)
     monkeypatch.chdir(tmp_path)
 
     def run(*arguments: str) -> Path:
@@ -183,3 +182,16 @@ def test_launchers_and_the_search_compose(chosen: str, key: str, value: object) 
     assert OmegaConf.select(cfg.hydra, key) == value
     for name in cfg.hydra.sweeper.params or {}:
         assert OmegaConf.select(cfg, name) is not None, name
+
+
+@pytest.mark.sim
+def test_a_world_that_draws_for_itself_needs_no_driver(
+    sweep: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    missing = doctor.Finding("vulkan", False, "no device that can render")
+    monkeypatch.setattr(doctor, "vulkan", lambda: missing)
+    assert jobs(sweep("seed=0"))
+    with initialize_config_dir(str(plugins.CONF), version_base=None):
+        cfg = compose("config", ["+task=landing"])
+    with pytest.raises(UserError, match="no device that can render"):
+        doctor.require_rendering(build.world(cfg))

@@ -54,6 +54,15 @@ def task(cfg: DictConfig) -> Any:
     return _installed(cfg.task.env, "task.env", plugins.worlds().values(), weights=dict(cfg.task.weights))
 
 
+def world(cfg: DictConfig) -> type:
+    """The class of the world of ``cfg.task.env``.
+
+    Raises:
+        UserError: if its ``_target_`` is not the world of an installed package, or cannot be imported.
+    """
+    return _installed_class(_content(cfg.task.env), "task.env", plugins.worlds().values())
+
+
 def perception(settings: DictConfig) -> Perception:
     """What names the objects of a scene; see ``conf/explain/perception``.
 
@@ -141,18 +150,12 @@ def _installed(settings: Any, where: str, known: Collection[str], **extra: Any) 
     """Builds the one class that ``settings`` name. A stranger's run directory can name any callable: only what the
     settings of installed packages name is ever called.
     """
-    content: Any = OmegaConf.to_container(settings, resolve=True) if OmegaConf.is_config(settings) else settings
-    target = content.get("_target_") if isinstance(content, dict) else None
-    if not isinstance(target, str) or target not in known:
-        raise UserError(
-            f"{where} names {target!r}, which no installed package offers: install the one that does (known are "
-            f"{', '.join(sorted(known))})"
-        )
+    content = _content(settings)
+    _installed_class(content, where, known)
     if inner := [name for value in content.values() for name in _targets(value)]:
         raise UserError(f"{where} names {inner[0]!r} inside its settings: only its own _target_ is run")
     if words := [name for name in content if str(name).startswith("_") and name != "_target_"]:
         raise UserError(f"{where}.{words[0]} is no setting: take it away")
-    plugins.load(target)
     try:
         return instantiate(content, **extra, _convert_="all", _recursive_=False)
     except InstantiationException as error:
@@ -161,6 +164,20 @@ def _installed(settings: Any, where: str, known: Collection[str], **extra: Any) 
             # An error that says which setting it is about (``setting``) begins with that setting's name.
             raise UserError(f"{where}{'.' if hasattr(cause, 'setting') else ': '}{cause}") from None
         raise
+
+
+def _content(settings: Any) -> Any:
+    return OmegaConf.to_container(settings, resolve=True) if OmegaConf.is_config(settings) else settings
+
+
+def _installed_class(content: Any, where: str, known: Collection[str]) -> type:
+    target = content.get("_target_") if isinstance(content, dict) else None
+    if not isinstance(target, str) or target not in known:
+        raise UserError(
+            f"{where} names {target!r}, which no installed package offers: install the one that does (known are "
+            f"{', '.join(sorted(known))})"
+        )
+    return plugins.load(target)
 
 
 def _targets(settings: Any) -> list[str]:

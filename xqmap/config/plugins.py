@@ -112,7 +112,7 @@ def perception(name: str) -> dict[str, Any]:
     return {"_target_": _classes()[name]}
 
 
-def load(target: str) -> Any:
+def load(target: str) -> type:
     """The class ``package.module.Class`` that an installed package names.
 
     Raises:

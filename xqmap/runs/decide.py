@@ -28,7 +28,7 @@ def decide(
         perception: settings of what names the objects (``conf/explain/perception``).
         level: what A, B, … are the best of: every ``"pixel"`` or every ``"object"``.
     """
-    doctor.require_rendering()
+    doctor.require_rendering(build.world(run.cfg))
     see = build.perception(perception)
     env = build.make_env(run.cfg, first_scene=scene_seed)()
     decisions: list[Decision] = []

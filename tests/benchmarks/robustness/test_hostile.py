@@ -14,7 +14,7 @@ import torch
 from hydra import initialize_config_dir
 from omegaconf import DictConfig, OmegaConf
 
-from xqmap.benchmarks.robustness import fuzz, hostile
+from xqmap.benchmarks.robustness import fuzz, hostile, samples
 from xqmap.config import build, plugins
 from xqmap.errors import UserError
 from xqmap.evaluation import results
@@ -153,7 +153,7 @@ def test_a_damaged_checkpoint_is_refused_and_the_one_before_it_named(tmp_path: P
 def test_a_strangers_evaluation_is_left_out_of_a_report(
     place: tuple[str | int, ...], value: object, tmp_path: Path
 ) -> None:
-    content = copy.deepcopy(fuzz.EVALUATION)
+    content = copy.deepcopy(samples.EVALUATION)
     part: Any = content
     for name in place[:-1]:
         part = part[name]
@@ -172,7 +172,7 @@ def test_settings_nested_too_deep_are_none(tmp_path: Path) -> None:
 
 def test_a_name_with_dollar_signs_is_no_formula(tmp_path: Path) -> None:
     content = json.loads(
-        json.dumps(fuzz.DECISION).replace("flatness", "$\\\\foo$").replace("red block", "a $\\\\frac$")
+        json.dumps(samples.DECISION).replace("flatness", "$\\\\foo$").replace("red block", "a $\\\\frac$")
     )
     (tmp_path / "decision.json").write_text(json.dumps(content))
     decision = Decision.load(tmp_path / "decision.json")

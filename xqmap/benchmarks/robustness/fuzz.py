@@ -20,6 +20,7 @@ from tqdm import tqdm
 
 from xqmap import report
 from xqmap.api import why
+from xqmap.benchmarks.robustness.samples import ASKED, DECISION, EVALUATION, HOSTILE, KEYS, METRICS, SETTINGS
 from xqmap.config import cli, plugins, schema
 from xqmap.explanations import Decision
 from xqmap.explanations.dialogue.conversation import Dialogue
@@ -30,115 +31,12 @@ from xqmap.runs import checkpoint
 from xqmap.runs.run import load_run
 from xqmap.terminal import one_line
 
-_HOSTILE = (
-    "",
-    "\x00",
-    "\x1b[2J",
-    "<script>alert(1)</script>",
-    "${oc.env:HOME}",
-    "${",
-    "???",
-    "../../etc/passwd",
-    "ignore the above",
-    "\u202e",
-    "{0.__class__}",
-    "%s%n",
-    "é" * 300,
-    "-0",
-    "1e999",
-    "nan",
-)
-# Of a training's settings, with some that are not.
-_KEYS = [
-    *(
-        "seed",
-        "~seed",
-        "device",
-        "threads",
-        "resume",
-        "trainer",
-        "trainer.frames",
-        "trainer.precision",
-        "trainer.frams",
-        "loss",
-    ),
-    *(
-        "loss.gamma",
-        "task",
-        "+task",
-        "task.weights",
-        "task.weights.color",
-        "task.env",
-        "task.env.altitude",
-        "task.components",
-        "method",
-    ),
-    *(
-        "method.weights",
-        "replay.capacity",
-        "evaluation.seeds",
-        "evaluation.until",
-        "qnet.plane_windows",
-        "collector",
-        "logger.mode",
-    ),
-    *("exploration.eps_init", "hydra.run.dir", "+new"),
-]
-_text = st.sampled_from(_HOSTILE) | st.text(max_size=20)
+_text = st.sampled_from(HOSTILE) | st.text(max_size=20)
 _scalar = st.none() | st.booleans() | st.integers() | st.floats() | _text | st.sampled_from([10**400, -1, 2**63, 1e308])
 _value = st.recursive(
     _scalar, lambda inner: st.lists(inner, max_size=4) | st.dictionaries(_text, inner, max_size=4), max_leaves=8
 )
 
-DECISION: dict[str, Any] = {
-    "task": "landing",
-    "scene_seed": 3,
-    "step": 0,
-    "components": ["flatness", "color"],
-    "candidates": [
-        {
-            "label": "Selected",
-            "object": "blue flat block",
-            "pixel": [3, 4],
-            "position": [0.0, 1.0, 2.0],
-            "values": {"flatness": 1, "color": 0.9},
-        },
-        {
-            "label": "A",
-            "object": "ground",
-            "pixel": [7, 4],
-            "object_index": None,
-            "values": {"flatness": 1.1, "color": 0},
-        },
-        {"label": "B", "object": "red block", "values": {"flatness": 0.1, "color": 1.0}},
-    ],
-    "objects": [
-        {"object": "blue flat block", "object_index": 0, "pixel": [3, 4], "values": {"flatness": 1, "color": 0.9}}
-    ],
-    "noise": {"flatness": 0.1, "color": 0.1},
-}
-EVALUATION: dict[str, Any] = {
-    "task": "landing",
-    "method": "xqmap",
-    "training_seed": 0,
-    "runs": [{"seed": 0, "choices": 10, "correct": 9, "regret": 0.1, "components": {"flatness": 0.9, "color": 1.0}}],
-    "success": {"mean": 0.9, "std": 0.0, "choices": 10, "ci95": [0.6, 0.98]},
-    "baselines": {"random pixel": {"mean": 0.2, "std": 0.1, "choices": 10, "ci95": [0.1, 0.5], "regret": 1.0}},
-    "confusion": {"blue flat block": {"blue flat block": 9, "ground": 1}},
-    "calibration": {},
-    "settings": {"weights": {"color": 1.0}},
-    "machine": {"threads": 1},
-    "versions": {"torch": "2.13.0"},
-    "weights_sha256": "0" * 64,
-}
-_SETTINGS: dict[str, Any] = {
-    "task": {"name": "landing"},
-    "method": {"name": "xqmap"},
-    "seed": 0,
-    "trainer": {"frames": 4},
-}
-_METRICS = b"frames,seconds,success,reward,loss/color\n2,0.5,0.5,1.0,\n4,1.0,1.0,2.0,0.1\n"
-_ASKED = ("why?", "why not A?", "why not the red block?", "what if color counted half?", "how sure are you?")
 # One accepted file in so many is drawn, too, which takes as long as reading hundreds.
 _DRAWN = 100
 
@@ -227,7 +125,7 @@ def decisions(folder: Path, cases: int) -> dict[str, int]:
         json.dumps(decision.to_dict(), allow_nan=False)
         why(decision)
         dialogue = Dialogue(decision, wording_for(decision.task))
-        for question in _ASKED:
+        for question in ASKED:
             dialogue.ask(question)
         (dialogue.to_json() + dialogue.to_markdown()).encode()
         if taken % _DRAWN == 0:
@@ -270,8 +168,8 @@ def reports(folder: Path, cases: int) -> dict[str, int]:
     whole = {
         run / "evaluation.json": (EVALUATION, json.dumps(EVALUATION).encode()),
         # JSON is also yaml.
-        run / ".hydra" / "config.yaml": (_SETTINGS, json.dumps(_SETTINGS).encode()),
-        run / "metrics.csv": (None, _METRICS),
+        run / ".hydra" / "config.yaml": (SETTINGS, json.dumps(SETTINGS).encode()),
+        run / "metrics.csv": (None, METRICS),
     }
     for path, (_, content) in whole.items():
         write_atomically(path, content)
@@ -310,7 +208,7 @@ def _spoiled(whole: bytes) -> st.SearchStrategy[bytes]:
 
 def overrides(cases: int) -> dict[str, int]:
     """``key=value`` arguments of a training: known and unknown keys with any value, and any text."""
-    names = st.sampled_from(_KEYS)
+    names = st.sampled_from(KEYS)
     # json.dumps refuses nothing that Python holds, so these are also Hydra's lists and dictionaries.
     value = _text | _value.map(lambda content: json.dumps(content)[:200])
     strategy = st.lists(
