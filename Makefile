@@ -41,9 +41,10 @@ browser: setup
 		|| { apt-get update && DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends chromium; } >/dev/null 2>&1 \
 		|| echo "chromium could not be installed: tests that open a page will be skipped"
 
-# What computes shares the two processors with its neighbour, so each process gets one thread.
+# What computes shares the two processors with its neighbour, so each process gets one thread. Files begin in the order
+# of tests/durations.json; PYTEST_ADDOPTS=--record-durations measures it anew.
 test: lint browser
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 # The documentation into site/, without network: a link or an anchor that leads nowhere fails.
 docs: setup

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 from collections.abc import Callable
@@ -37,6 +38,33 @@ sys.path.append(INSTALLED)
 os.environ["PYTHONPATH"] = os.pathsep.join(
     [ROOT, INSTALLED, *os.environ.get("PYTHONPATH", "").split(os.pathsep)]
 ).strip(os.pathsep)
+
+# Seconds that each file's tests take, together: the longest begin first, so that no processor waits long for its
+# neighbour at the end. Measured anew with --record-durations.
+DURATIONS = Path(__file__).with_name("durations.json")
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--record-durations", action="store_true", help=f"write what each file takes to {DURATIONS.name}")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    seconds = json.loads(DURATIONS.read_text())
+    items.sort(key=lambda item: -seconds.get(item.nodeid.split("::")[0], 0))
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
+    if not config.getoption("--record-durations"):
+        return
+    seconds: dict[str, float] = {}
+    for reports in terminalreporter.stats.values():
+        for report in reports:
+            if isinstance(report, pytest.TestReport):
+                file = report.nodeid.split("::")[0]
+                seconds[file] = seconds.get(file, 0) + report.duration
+    ordered = sorted(seconds.items(), key=lambda entry: -entry[1])
+    DURATIONS.write_text(json.dumps({file: round(taken, 1) for file, taken in ordered}, indent=1) + "\n")
+
 
 # A busy machine is no failure.
 hypothesis.settings.register_profile("untimed", deadline=None)

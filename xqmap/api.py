@@ -31,6 +31,7 @@ from xqmap.errors import UserError
 from xqmap.explanations import Decision
 from xqmap.explanations.dialogue.conversation import Dialogue
 from xqmap.explanations.views import plots
+from xqmap.explanations.views.sentences import why as why
 from xqmap.explanations.views.sentences import wording_for
 from xqmap.runs import checkpoint, locks
 from xqmap.runs.decide import cell, decide_on
@@ -95,12 +96,6 @@ def decide(
     """
     see = build.perception(OmegaConf.create(plugins.perception(perception)))
     return decide_on(agent, env, state, see, candidates, step)
-
-
-def why(decision: Decision) -> str:
-    """The sentences, one a line."""
-    said = decision.sentences()
-    return "\n".join([said["shallow"], *said["contrastive"], said["robustness"]])
 
 
 def show(decision: Decision) -> Figure:

@@ -21,7 +21,7 @@ def bench(cfg: DictConfig) -> None:
     from xqmap.benchmarks.replay import replay
     from xqmap.benchmarks.robustness.suite import ROBUSTNESS
     from xqmap.benchmarks.speed import BENCHMARKS, Benchmark
-    from xqmap.benchmarks.timing import machine
+    from xqmap.benchmarks.timing import machine  # likewise
 
     benchmarks = BENCHMARKS | {"replay": Benchmark(replay, 9)}
     known = benchmarks | {name: Benchmark(*what) for name, what in ROBUSTNESS.items()}

@@ -8,10 +8,11 @@ from pathlib import Path
 from omegaconf import DictConfig
 from tqdm import tqdm
 
-from xqmap.config import build, cli
+from xqmap.config import cli
 from xqmap.explain import decisions_of, place
 from xqmap.explanations.dialogue import scoring
 from xqmap.explanations.dialogue.conversation import Dialogue, Exchange, scene_line, system_prompt
+from xqmap.explanations.dialogue.llm import language_model
 from xqmap.explanations.views.page import page
 from xqmap.explanations.views.sentences import wording_for
 from xqmap.files import write_atomically
@@ -21,7 +22,7 @@ from xqmap.terminal import say
 def chat(cfg: DictConfig) -> None:
     """Holds the conversation and saves it; with ``question=`` one answer, with ``questions=`` a score."""
     questions = scoring.read(Path(cfg.questions)) if cfg.questions is not None else []
-    model, folder = build.language_model(cfg.llm), place(cfg)
+    model, folder = language_model(cfg.llm), place(cfg)
     decision = decisions_of(cfg)[-1]
     dialogue = Dialogue(decision, wording_for(decision.task), model)
     if cfg.show_prompt:

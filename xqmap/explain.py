@@ -9,16 +9,15 @@ from pathlib import Path
 from omegaconf import DictConfig
 from tqdm import tqdm
 
-from xqmap.api import why
 from xqmap.config import cli
 from xqmap.errors import UserError
 from xqmap.explanations import Decision
 from xqmap.explanations.dialogue.conversation import excerpt, saved_conversation
 from xqmap.explanations.views import plots
 from xqmap.explanations.views.page import page
+from xqmap.explanations.views.sentences import why
 from xqmap.files import require_place, write_atomically
-from xqmap.runs.decide import decide, default_folder
-from xqmap.runs.run import load_run
+from xqmap.runs.places import default_folder
 from xqmap.terminal import say
 
 
@@ -67,6 +66,10 @@ def decisions_of(cfg: DictConfig) -> list[Decision]:
     """What ``run=`` and ``scene_seed=``, or ``decision=``, name."""
     if cfg.decision is not None:
         return [Decision.load(cfg.decision)]
+    # Torch and the rest take seconds, which a decision from a file need not wait for.
+    from xqmap.runs.decide import decide
+    from xqmap.runs.run import load_run
+
     steps = cli.decisions(cfg)
     if cfg.candidates not in ("pixel", "object"):
         raise UserError(f"candidates={cfg.candidates} is neither pixel nor object")

@@ -18,7 +18,7 @@ from tensordict import TensorDict
 from xqmap.errors import UserError
 from xqmap.explanations import Candidate, Decision, contrast
 from xqmap.explanations.candidate import label
-from xqmap.explanations.perception import Scene
+from xqmap.explanations.scene import Scene
 from xqmap.explanations.views import plots
 from xqmap.explanations.views.sentences import listed, number, signed
 

@@ -20,6 +20,7 @@ from torchrl.objectives import ValueEstimators
 
 from tests.objectives.test_decomposed_dqn import ACTIONS, STATES, Dense, Table, make_loss, qmaps, transitions
 from tests.toy import ToyTask
+from xqmap.collectors import worker
 from xqmap.envs.maniskill import ManiSkillEnv
 from xqmap.models.policy import GreedyPolicy
 from xqmap.models.qmaps import QMaps
@@ -291,7 +292,8 @@ def test_n_step_batches_of_a_collector_go_through_the_loss(toy_config: Callable[
     torch.manual_seed(5)
     policy, multi_step = GreedyPolicy(qmaps()), MultiStep(0.9, 2)
     multi_step.reward_keys, multi_step.done_keys = ["reward_components"], ["done"]
-    collector = Collector(ManiSkillEnv(ToyTask), policy, frames_per_batch=6, total_frames=6, postproc=multi_step)
+    env, settings = ManiSkillEnv(ToyTask), worker.ENDLESS | {"total_frames": 6}
+    collector = Collector(env, policy, frames_per_batch=6, postproc=multi_step, **settings)
     batch = next(iter(collector))
     collector.shutdown()
     rewards, (first, second) = batch["next", "original_reward"], batch["steps_to_next_obs"][:2].tolist()

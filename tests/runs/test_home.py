@@ -9,7 +9,7 @@ from pathlib import Path
 
 from xqmap.config import plugins
 
-HOME = "from xqmap.runs import run; print(run.PRETRAINED, run.home('pretrained/landing'), sep='\\n')"
+HOME = "from xqmap.runs import places; print(places.PRETRAINED, places.home('pretrained/landing'), sep='\\n')"
 
 
 def test_nothing_lands_in_a_package_that_is_reached_through_a_link(tmp_path: Path) -> None:

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import ast
+import subprocess
+import sys
 from graphlib import TopologicalSorter
 from pathlib import Path
 
 import grimp
 import pytest
+
+from tests.test_commands import decision_file
 
 ROOT = Path(__file__).parents[2]
 
@@ -42,3 +46,44 @@ def test_an_import_inside_a_function_has_its_reason_beside_it() -> None:
                         if "# " not in near and "try:" not in near:
                             bare.append(f"{path.relative_to(ROOT)}:{node.lineno}")
     assert not bare
+
+
+# Each of these takes longer to import than a decision file to explain.
+_SLOW = (
+    "torch",
+    "tensordict",
+    "torchrl",
+    "wandb",
+    "ray",
+    "mani_skill",
+    "sapien",
+    "scipy",
+    "matplotlib.pyplot",
+    "pandas",
+)
+_WITHOUT = """
+import runpy, sys
+sys.modules.update(dict.fromkeys({slow!r}))
+sys.argv = {argv!r}
+runpy.run_module("xqmap." + sys.argv[0], run_name="__main__")
+"""
+
+
+@pytest.mark.parametrize(
+    "argv",
+    [
+        ["chat", "decision=decision.json", "question=Why not A?"],
+        ["explain", "decision=decision.json"],
+        ["explain", "--help"],
+        ["chat", "--help"],
+    ],
+    ids=" ".join,
+)
+def test_a_decision_from_a_file_is_explained_without_what_takes_seconds_to_import(
+    argv: list[str], tmp_path: Path
+) -> None:
+    decision_file(tmp_path)
+    program = _WITHOUT.format(slow=_SLOW, argv=argv)
+    done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, timeout=600)
+    assert done.returncode == 0, done.stderr
+    assert "blue flat block" in done.stdout or "--help" in argv

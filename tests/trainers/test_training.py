@@ -18,7 +18,8 @@ from xqmap.errors import UserError
 from xqmap.evaluation import baselines, play
 from xqmap.evaluation.run import evaluate_run
 from xqmap.runs import checkpoint
-from xqmap.runs.run import home, load_run
+from xqmap.runs.places import home
+from xqmap.runs.run import load_run
 from xqmap.trainers.callbacks import make_trainer
 from xqmap.trainers.trainer import Trainer
 
@@ -266,7 +267,7 @@ def test_an_agent_of_before_a_training_setting_was_there_still_plays(
 def test_an_agent_that_ships_is_found_by_name_and_nothing_is_written_beside_it(
     toy_config: Callable[..., DictConfig], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("xqmap.runs.run.PRETRAINED", tmp_path / "package" / "pretrained")
+    monkeypatch.setattr("xqmap.runs.places.PRETRAINED", tmp_path / "package" / "pretrained")
     train(toy_config(), tmp_path / "run")
     place = tmp_path / "package" / "pretrained" / "toy" / checkpoint.POLICY
     place.parent.mkdir(parents=True)

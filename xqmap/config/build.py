@@ -18,7 +18,6 @@ from xqmap.data.replay import Replay
 from xqmap.data.samplers import PrioritySampler
 from xqmap.envs.maniskill import ManiSkillEnv
 from xqmap.errors import UserError
-from xqmap.explanations.dialogue.llm import LanguageModel, OpenAICompatible
 from xqmap.explanations.perception import Perception
 from xqmap.models.policy import EpsilonGreedy
 from xqmap.models.qmaps import QMaps
@@ -132,18 +131,6 @@ def loss(cfg: DictConfig, network: QMaps, kept: Kept | None = None) -> Decompose
     module.set_keys(reward=cfg.method.reward_key)
     module.make_value_estimator(gamma=cfg.loss.gamma)
     return module
-
-
-def language_model(settings: DictConfig) -> LanguageModel | None:
-    """What answers beside the templates: None for ``llm=template``.
-
-    Raises:
-        UserError: naming the setting that is unknown, or that no server can be asked with.
-    """
-    settings = schema.language_model(settings)
-    if settings.name == "template":
-        return None
-    return OpenAICompatible(**{str(name): value for name, value in settings.items() if name != "name"})
 
 
 def _installed(settings: Any, where: str, known: Collection[str], **extra: Any) -> Any:

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from omegaconf import DictConfig, OmegaConf
 
 from xqmap.config import plugins, schema
 from xqmap.errors import UserError
-from xqmap.runs.run import Run
+
+if TYPE_CHECKING:
+    from xqmap.runs.run import Run
 
 ALL = "all"
 

@@ -7,19 +7,19 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import torch
-from scipy import ndimage
-from tensordict import TensorDictBase
 
 from xqmap import keys
 from xqmap.errors import UserError
 from xqmap.explanations import contrast, files
 from xqmap.explanations.candidate import SELECTED, Candidate, label, together
-from xqmap.explanations.perception import Scene
+from xqmap.explanations.scene import Scene
 from xqmap.explanations.views import sentences
+
+if TYPE_CHECKING:
+    from tensordict import TensorDictBase
 
 # Cells around an object that speak for it as much as for the background, whose best cell is looked for farther away.
 _EDGE = 2
@@ -106,6 +106,9 @@ class Decision:
         Raises:
             UserError: if the maps are not finite.
         """
+        # It takes seconds, which a decision from a file need not wait for.
+        import torch
+
         names = tuple(components)
         with torch.no_grad():
             out = policy(state.select(keys.HEIGHTMAP, keys.ACTION_MASK, strict=False).clone())
@@ -142,6 +145,8 @@ class Decision:
         )
 
     def _pool(self, scene: Scene) -> list[Candidate]:
+        from scipy import ndimage  # a third of a second: as torch, see above
+
         assert self.maps is not None
         total = self.maps.sum(0)
         pooled = []

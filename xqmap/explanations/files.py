@@ -15,8 +15,8 @@ import numpy as np
 from xqmap.errors import UserError
 from xqmap.explanations import contrast
 from xqmap.explanations.candidate import Candidate
-from xqmap.explanations.perception import Scene
 from xqmap.explanations.reading import parse
+from xqmap.explanations.scene import Scene
 from xqmap.files import read_bytes, write_atomically
 
 if TYPE_CHECKING:

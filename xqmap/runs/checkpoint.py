@@ -18,12 +18,10 @@ from torch import Tensor
 from xqmap.config import arguments
 from xqmap.errors import UserError
 from xqmap.files import forget_unfinished, opened, replacing
+from xqmap.runs.places import BEST as BEST
+from xqmap.runs.places import POLICY as POLICY
+from xqmap.runs.places import TRAINING as TRAINING
 
-# The newest policy, the one that chose best among the last training decisions, and what it takes to go on from a
-# decision.
-POLICY = Path("checkpoint/policy.safetensors")
-BEST = Path("checkpoint/best.safetensors")
-TRAINING = "checkpoint/training-{:06d}.safetensors"
 _FORMAT = 2
 # Bytes of a policy and of a training, which has the replay buffer with it; signs of the facts beside the tensors.
 _LARGEST_POLICY = 4 * 2**30

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from omegaconf import DictConfig
 from tensordict import TensorDictBase
 
@@ -13,7 +11,7 @@ from xqmap.envs.episode import episode
 from xqmap.envs.maniskill import ManiSkillEnv
 from xqmap.explanations import Decision
 from xqmap.explanations.perception import Perception
-from xqmap.runs.run import Run, home
+from xqmap.runs.run import Run
 
 
 def decide(
@@ -75,12 +73,3 @@ def cell(decision: Decision, env: ManiSkillEnv) -> int:
     """The action that a decision chose, row · W + column."""
     row, column = decision.selected.pixel or (0, 0)
     return row * env.grid.shape[1] + column
-
-
-def default_folder(cfg: DictConfig, name: str) -> Path:
-    """Where a command writes that was not told: in the run's figures; of a decision file, which may be a stranger's, in
-    the current directory.
-    """
-    if cfg.decision is not None:
-        return Path(name)
-    return home(cfg.run) / "figures" / f"scene{cfg.scene_seed}"

@@ -13,42 +13,10 @@ from xqmap.config import build, plugins, schema
 from xqmap.errors import UserError
 from xqmap.models.policy import GreedyPolicy
 from xqmap.runs import checkpoint
-
-# Run directories that ship with the package: ``run=pretrained/<task>``.
-PRETRAINED = Path(__file__).resolve().parents[1] / "pretrained"
-
+from xqmap.runs.places import POLICY, home, locate
 
 # Settings of earlier versions, on which nothing of what was learned depends.
 _FORMER = {"loss": ("windowed",)}
-
-
-def locate(run: str | Path) -> Path:
-    """The directory of a run; ``pretrained/<task>`` is one that ships with the package, unless there is such a
-    directory here.
-
-    Raises:
-        UserError: if no agent of that name ships.
-    """
-    path = Path(run)
-    if path.exists() or len(path.parts) != 2 or path.parts[0] != PRETRAINED.name:
-        return path
-    shipped = sorted(entry.parent.parent.name for entry in PRETRAINED.glob(f"*/{checkpoint.POLICY}"))
-    if path.name not in shipped:
-        raise UserError(
-            f"run={path}: no such agent ships with xqmap; {', '.join(shipped) or 'none'} do, make pretrained trains "
-            "them"
-        )
-    return PRETRAINED / path.name
-
-
-def home(place: str | Path) -> Path:
-    """Where what is made from a run belongs: its directory, the folder of the same name beside a single policy file,
-    or, of an agent that ships with the package, the current directory.
-    """
-    place = locate(place)
-    if place.resolve().is_relative_to(PRETRAINED):
-        return Path()
-    return place.with_suffix("") if place.suffix == ".safetensors" else place
 
 
 @dataclass
@@ -73,7 +41,7 @@ def load_run(place: str | Path) -> Run:
         UserError: if there is no readable policy.
     """
     place = locate(place)
-    file = place if place.suffix == ".safetensors" else place / checkpoint.POLICY
+    file = place if place.suffix == ".safetensors" else place / POLICY
     tensors, facts = checkpoint.read(file)
     cfg = stored_settings(facts, file)
     misfit = f"{file} does not fit its own settings"

@@ -17,7 +17,7 @@ from xqmap import keys, launch
 from xqmap.errors import Stopped
 from xqmap.evaluation.statistics import wilson
 from xqmap.explanations import Decision
-from xqmap.explanations.perception import Scene
+from xqmap.explanations.scene import Scene
 from xqmap.explanations.views import plots
 from xqmap.runs import checkpoint
 from xqmap.trainers.trainer import Callback, Saved, Trainer

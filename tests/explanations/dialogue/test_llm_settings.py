@@ -10,9 +10,9 @@ from hydra import compose, initialize_config_dir
 
 from tests.model_server import Server, events, model
 from tests.talks import dialogue
-from xqmap.config import build, plugins
+from xqmap.config import plugins
 from xqmap.errors import UserError
-from xqmap.explanations.dialogue.llm import OpenAICompatible
+from xqmap.explanations.dialogue.llm import OpenAICompatible, language_model
 from xqmap.explanations.views.page import page
 
 KEY = "sk-proj-A1b2C3d4E5f6G7h8"
@@ -138,11 +138,11 @@ def test_a_setting_of_a_model_is_checked(setting: str, named: str) -> None:
     with initialize_config_dir(str(plugins.CONF), version_base=None):
         settings = compose("chat", ["llm=openai", setting]).llm
     with pytest.raises(UserError, match=rf"^{re.escape(named)}\b"):
-        build.language_model(settings)
+        language_model(settings)
 
 
 def test_settings_that_fit_make_a_model() -> None:
     with initialize_config_dir(str(plugins.CONF), version_base=None):
         fit = ["llm.base_url=http://h/v1", "llm.model=tiny", "llm.max_tokens=null", "llm.temperature=null"]
-        assert build.language_model(compose("chat", ["llm=openai", *fit]).llm) is not None
-        assert build.language_model(compose("chat").llm) is None
+        assert language_model(compose("chat", ["llm=openai", *fit]).llm) is not None
+        assert language_model(compose("chat").llm) is None

@@ -19,13 +19,12 @@ from omegaconf import DictConfig, OmegaConf
 from tqdm import tqdm
 
 from xqmap import report
-from xqmap.api import why
 from xqmap.benchmarks.robustness.samples import ASKED, DECISION, EVALUATION, HOSTILE, KEYS, METRICS, SETTINGS
 from xqmap.config import cli, plugins, schema
 from xqmap.explanations import Decision
 from xqmap.explanations.dialogue.conversation import Dialogue
 from xqmap.explanations.views.page import page
-from xqmap.explanations.views.sentences import wording_for
+from xqmap.explanations.views.sentences import why, wording_for
 from xqmap.files import write_atomically
 from xqmap.runs import checkpoint
 from xqmap.runs.run import load_run

@@ -11,6 +11,9 @@ from typing import Any, Protocol
 from urllib.parse import urlsplit
 from urllib.request import proxy_bypass
 
+from omegaconf import DictConfig
+
+from xqmap.config import schema
 from xqmap.errors import UserError, brief
 from xqmap.explanations.dialogue import replies
 from xqmap.explanations.dialogue.masking import Mask, secrets_of
@@ -236,3 +239,15 @@ def _accepted(optional: dict[str, Any], refusal: str) -> dict[str, Any]:
     if "max_tokens" in named and "max_completion_tokens" in refusal and "max_completion_tokens" not in optional:
         kept["max_completion_tokens"] = optional["max_tokens"]
     return kept
+
+
+def language_model(settings: DictConfig) -> LanguageModel | None:
+    """What answers beside the templates: None for ``llm=template``.
+
+    Raises:
+        UserError: naming the setting that is unknown, or that no server can be asked with.
+    """
+    settings = schema.language_model(settings)
+    if settings.name == "template":
+        return None
+    return OpenAICompatible(**{str(name): value for name, value in settings.items() if name != "name"})

@@ -72,6 +72,12 @@ def write(decision: Decision, wording: Mapping[str, Any] | None = None) -> dict[
     return {"shallow": shallow(decision, words), "contrastive": said, "robustness": robustness(decision, words)}
 
 
+def why(decision: Decision) -> str:
+    """The sentences of a decision, one a line."""
+    said = decision.sentences()
+    return "\n".join([said["shallow"], *said["contrastive"], said["robustness"]])
+
+
 def shallow(decision: Decision, words: Mapping[str, Any]) -> str:
     """Why this one: the object with the highest overall value and the component that contributes most."""
     chosen = decision.selected
