@@ -11,7 +11,8 @@ Randomizations (all from the reset's seed):
     again.
 
 Episode:
-    Ends when no cube is left on the table; truncated after ``attempts`` decisions.
+    Ends when no cube is left on the table, and where ``failure`` says so at the first attempt that lifts nothing;
+    truncated after ``attempts`` decisions.
 
 Reward components:
     ``shape``: 1 if a cube was lifted and brought to the bin; a bowl, a leaking edge or a cube that was dropped pays 0.
@@ -41,11 +42,13 @@ from .offers import Offer, in_time, offer
 from .primitives import Arm, pick
 from .settings import Within, checked
 from .suction import Suction, felt, seals
-from .tabletop import FRICTION, TOP, Thing, body_of, cube_top, entity, footprint, pose_of
+from .tabletop import FRICTION, TOP, Thing, body_of, carried, cube_top, entity, footprint, pose_of
 from .workcell import BIN, BOUNDS, CELLS, HOME_HEIGHT, PIXEL_SIZE
 
 # Objects are at rest when none is faster (m/s); they get this many simulation steps to come to rest.
 STILL, SETTLE_STEPS = 0.002, 400
+# Scenes by which the best fixed order is found, and the most objects of which every order of removal is solved.
+ORDERED, SOLVED = 200, 16
 
 
 @register_env("XQMapGrasping-v1", max_episode_steps=None)
@@ -54,7 +57,10 @@ class GraspingEnv(DecisionEnv):
 
     Args:
         objects: fewest and most objects of a scene.
-        layout: ``"spread"`` over the table or ``"cluttered"`` around a random place.
+        layout: ``"spread"`` over the table, ``"cluttered"`` around a random place, or ``"stacked"``: most cubes stand
+            two by two.
+        failure: what follows an attempt that lifts nothing: it ``"ends"`` the episode; the object ``"stays"``; a bowl
+            that was tried is ``"removed"``.
         seal: ``"rim"``: the cup's whole rim must lie on the touched body; ``"touch"``: touching a cube is enough, as in
             Ravens.
         light: how far the light varies, 0 (not at all) to 2.
@@ -76,6 +82,8 @@ class GraspingEnv(DecisionEnv):
     REWARD_COMPONENTS = ("shape", "color")
     BACKGROUND = "table"
     METRICS = ("touched", "sealed", "slip_mm", "control_steps", "layouts_rejected")
+    # Who is asked besides: the highest reward now, the best order that looks at one object at a time, the best by Q*.
+    ADVISERS = ("myopic", "fixed order", "oracle")
     SUPPORTED_ROBOTS = ["xqmap_ur5e"]  # noqa: RUF012 (ManiSkill's own declaration)
     agent: UR5e
 
@@ -84,7 +92,7 @@ class GraspingEnv(DecisionEnv):
         self,
         *,
         objects: Annotated[tuple[int, int], Within(1, 30)],
-        layout: Literal["spread", "cluttered"],
+        layout: Literal["spread", "cluttered", "stacked"],
         seal: Literal["rim", "touch"],
         light: Annotated[float, Within(0.0, 2.0)],
         tint: Annotated[float, Within(0.0, 255.0)],
@@ -92,10 +100,14 @@ class GraspingEnv(DecisionEnv):
         hover: Annotated[float, Within(0.09, 0.4)],
         attempts: Annotated[int, Within(1, 10_000)],
         control_steps: Annotated[int, Within(1, 100_000)],
+        failure: oracle.Failure = "stays",  # what agents were trained with that do not say
         **kwargs: Any,
     ) -> None:
         self.object_range, self.layout, self.seal, self.light, self.tint = objects, layout, seal, light, tint
         self.depth_noise, self.hover, self.attempts, self.control_steps = depth_noise, hover, attempts, control_steps
+        self.failure, self._failed = failure, False
+        self._solvers: dict[float, oracle.Solver] = {}
+        self._blind: dict[float, oracle.Choose] = {}
         self._things: dict[sapien.Entity, Thing] = {}
         self._binned: list[sapien.Entity] = []
         self._made = self.layouts_rejected = 0
@@ -163,7 +175,7 @@ class GraspingEnv(DecisionEnv):
         robot.set_qpos(self._home)
         robot.set_qvel(np.zeros(6))
         self.agent.controller.set_action(np.concatenate((self._home, np.zeros(6))))
-        self.arm.joints, self._made = self._home, 0
+        self.arm.joints, self._made, self._failed = self._home, 0, False
         self._settle()
 
     def _put(self, things: list[Thing]) -> None:
@@ -211,9 +223,13 @@ class GraspingEnv(DecisionEnv):
         if thing is not None and attempt.delivered:
             self._binned.append(attempt.touched)
             del self._things[attempt.touched]
+        elif thing is not None and thing.kind == "bowl" and self.failure == "removed":
+            self.scene.sub_scenes[0].remove_entity(attempt.touched)
+            del self._things[attempt.touched]
         self._settle()
+        self._failed = thing is None or thing.kind != "cube" or not attempt.delivered
         components = {
-            "shape": float(attempt.delivered and thing is not None and thing.kind == "cube"),
+            "shape": float(not self._failed),
             "color": thing.rank if thing is not None else 0.0,
         }
         metrics = {
@@ -237,8 +253,9 @@ class GraspingEnv(DecisionEnv):
         return seals(thing.kind, pose_of(touched), self.arm.tip)
 
     def episode_over(self) -> tuple[bool, bool]:
-        """Terminated when no cube is left on the table, truncated after ``attempts`` decisions."""
+        """Terminated when no cube is left on the table or a failure ends it, truncated after ``attempts`` decisions."""
         over = not any(thing.kind == "cube" for thing in self._on_table().values())
+        over = over or (self.failure == "ends" and self._failed)
         return over, not over and self._made >= self.attempts
 
     # -- what the world knows: evaluation and perception only ----------------------------------------------------------
@@ -258,33 +275,55 @@ class GraspingEnv(DecisionEnv):
         return in_time(found, self.arm.limit, self.hover, self._home, self.arm.period)
 
     def _items(self, offers: list[Offer]) -> list[oracle.Item]:
-        ranks = [thing.rank for thing in self._on_table().values()]
-        return [
-            oracle.Item(rank * (found.touch is not None), found.lift is not None)
-            for rank, found in zip(ranks, offers, strict=True)
-        ]
+        things = self._on_table()
+        cubes = [i for i, thing in enumerate(things.values()) if thing.kind == "cube"]
+        below = carried([pose_of(built) for built, thing in things.items() if thing.kind == "cube"])
+        on = {cube: None if at is None else cubes[at] for cube, at in zip(cubes, below, strict=True)}
+        items = []
+        for i, (thing, found) in enumerate(zip(things.values(), offers, strict=True)):
+            # What lies below another is taken when that is gone.
+            buried = i in on.values()
+            rank = thing.rank * (buried or found.touch is not None)
+            items.append(oracle.Item(rank, buried or found.lift is not None, on.get(i)))
+        return items
+
+    def _solver(self, gamma: float) -> oracle.Solver:
+        if gamma not in self._solvers:
+            self._solvers[gamma] = oracle.Solver(self.weights.tolist(), gamma, self.failure)
+        return self._solvers[gamma]
 
     def highest_reward(self) -> float:
         """Σ_k w_k r_k of the best object on the table; 0 where there is none."""
-        rewards = [
-            self.weighed({"shape": float(item.liftable), "color": item.rank}) for item in self._items(self._offers())
-        ]
-        return max(rewards, default=0.0)
+        now, _ = self._solver(0.0).values(self._items(self._offers()))
+        return max((self.weighed(dict(zip(self.REWARD_COMPONENTS, paid, strict=True))) for paid in now), default=0.0)
 
     def oracle_point(self) -> np.ndarray:
         """``[3]``, m: on the object of the highest reward, as near to its middle as that can be earned."""
+        return self._point_of(oracle.optimal(self._solver(0.0)))
+
+    def advice(self, name: str, gamma: float) -> np.ndarray:
+        """``[3]``, m: where someone of :attr:`ADVISERS` would pick."""
+        solver = self._solver(gamma)
+        if name == "fixed order" and gamma not in self._blind:
+            self._blind[gamma] = oracle.blind(solver, oracle.sampled(ORDERED, self.object_range))
+        choices = {"myopic": oracle.myopic, "fixed order": lambda _: self._blind[gamma], "oracle": oracle.optimal}
+        return self._point_of(choices[name](solver))
+
+    def _point_of(self, choose: oracle.Choose) -> np.ndarray:
         offers = self._offers()
         items = self._items(offers)
-        chosen = offers[oracle.best(items, self.weights.tolist(), 0.0)] if items else Offer()
+        chosen = offers[choose(items)] if items else Offer()
         return np.array([*BOUNDS[:2].mean(1), 0.0]) if chosen.point is None else chosen.point
 
     def exact_values(self, gamma: float) -> np.ndarray | None:
-        """Q*_k ``[objects, 2]`` of each of :meth:`scene_objects`, from the exact solution in :mod:`.oracle`; None at
-        γ = 1, where a bowl, which pays its color for ever, is worth more than any number.
+        """Q*_k ``[objects, 2]`` of each of :meth:`scene_objects`, from the exact solution in :mod:`.oracle`; None where
+        it is beyond reckoning: at γ = 1 with bowls that pay for ever, and with too many that are removed one by one.
         """
-        if gamma == 1:
+        items = self._items(self._offers())
+        if (gamma == 1 and self.failure == "stays") or (self.failure == "removed" and len(items) > SOLVED):
             return None
-        return oracle.component_values(self._items(self._offers()), self.weights.tolist(), gamma)
+        now, later = self._solver(gamma).values(items)
+        return now + gamma * later
 
     def scene_objects(self) -> list[SceneObject]:
         """The objects on the table."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import cache
 from itertools import pairwise
@@ -44,6 +45,7 @@ class Thing:
         y: middle, world.
         yaw: degrees.
         tint: what is added to its red, green and blue, 8-bit.
+        level: how many cubes it stands on.
     """
 
     kind: str
@@ -52,6 +54,7 @@ class Thing:
     y: float
     yaw: float = 0.0
     tint: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    level: int = 0
 
     def __post_init__(self) -> None:
         if self.kind not in MASS or self.color not in COLORS:
@@ -143,6 +146,18 @@ def cube_top(pose: np.ndarray) -> np.ndarray:
     return middle + CUBE / 2 * axis * np.sign(axis[2])
 
 
+def carried(poses: Sequence[np.ndarray]) -> list[int | None]:
+    """For each of some cubes at ``poses`` ``[4, 4]`` the place of the one that it stands on; None for the table."""
+    tops = [cube_top(pose) for pose in poses]
+
+    def below(pose: np.ndarray) -> int | None:
+        middle = cube_top(pose) - np.array([0, 0, CUBE])
+        near = [i for i, top in enumerate(tops) if np.abs(top - middle).max() < CUBE / 2]
+        return near[0] if near else None
+
+    return [below(pose) for pose in poses]
+
+
 def material(
     color: tuple[int, int, int], tint: tuple[float, float, float] = (0, 0, 0), roughness: float = 0.9
 ) -> sapien.render.RenderMaterial:
@@ -176,7 +191,7 @@ def entity(thing: Thing) -> sapien.Entity:
     built.add_component(body)
     built.add_component(drawn)
     angle = np.deg2rad(thing.yaw) / 2
-    built.set_pose(sapien.Pose([thing.x, thing.y, 0.0], [np.cos(angle), 0, 0, np.sin(angle)]))
+    built.set_pose(sapien.Pose([thing.x, thing.y, CUBE * thing.level], [np.cos(angle), 0, 0, np.sin(angle)]))
     return built
 
 

@@ -123,3 +123,23 @@ class Solvable(Protocol):
             None where, as it is set up, this world's future is not known exactly.
         """
         ...
+
+
+@runtime_checkable
+class Advised(Protocol):
+    """What a world offers that knows how others would choose: baselines of its own, never for the policy. Optional.
+
+    Attributes:
+        ADVISERS: their names; one that is called ``"oracle"`` stands in for the oracle of the highest reward.
+    """
+
+    ADVISERS: tuple[str, ...]
+
+    def advice(self, name: str, gamma: float) -> np.ndarray:
+        """``[3]`` float: the point that an adviser would choose in the present state.
+
+        Args:
+            name: one of ``ADVISERS``.
+            gamma: discount per decision.
+        """
+        ...

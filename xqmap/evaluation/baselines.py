@@ -11,6 +11,7 @@ from tensordict.nn import TensorDictModuleBase
 
 from xqmap import keys
 from xqmap.envs.maniskill import ManiSkillEnv
+from xqmap.envs.protocol import Advised
 from xqmap.models.policy import random_action
 
 Chooser = Callable[[TensorDictBase, ManiSkillEnv, torch.Generator], int]
@@ -57,3 +58,14 @@ BASELINES: dict[str, Chooser] = {
     "highest cell": highest_cell,
     "oracle": oracle,
 }
+
+
+def known_to(env: ManiSkillEnv, gamma: float) -> dict[str, Chooser]:
+    """The baselines of a world: the usual ones, and, where something follows, its own advisers."""
+    if gamma == 0 or not isinstance(env.task, Advised):
+        return BASELINES
+
+    def advised(name: str) -> Chooser:
+        return lambda state, env, generator: env.action_at(env.task.advice(name, gamma))  # type: ignore[attr-defined]
+
+    return BASELINES | {name: advised(name) for name in env.task.ADVISERS}

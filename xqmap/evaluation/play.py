@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from itertools import islice
 from typing import Any
 
@@ -17,7 +17,9 @@ from tqdm import tqdm
 from xqmap import keys
 from xqmap.envs.episode import episode
 from xqmap.envs.maniskill import ManiSkillEnv
-from xqmap.evaluation.baselines import BASELINES, Chooser, greedy
+from xqmap.envs.protocol import Solvable
+from xqmap.evaluation.baselines import Chooser, greedy, known_to
+from xqmap.evaluation.optimum import Optimum
 from xqmap.evaluation.statistics import success
 
 # Scenes of one run are this far apart, so that seeds 0 … 9999 never share one; training starts at TRAINING_SCENES.
@@ -49,6 +51,7 @@ def play(
     choices: int,
     until: dict[str, float] | None,
     confusion: Counter[tuple[str, str]] | None = None,
+    optimum: Optimum | None = None,
 ) -> dict[str, Any]:
     """One evaluation run: scene after scene until the choices are made or a sub-reward has summed up.
 
@@ -60,6 +63,7 @@ def play(
         until: sums of sub-rewards, by component, any of which ends the run; None for no such end.
         confusion: counts, where given, the (object chosen, object best) of each choice. A choice of the highest reward
             is its own best; otherwise the best is what the world's oracle would have taken.
+        optimum: holds, where given, each choice against Q*; its numbers are the run's, too.
 
     Returns:
         ``{"seed", "choices", "correct", "regret", "components": {name: mean}}``: a choice is correct when its reward is
@@ -70,17 +74,23 @@ def play(
     sums = torch.zeros(len(env.components))
     correct, regret, made, scene = 0, 0.0, 0, seed
     names: tuple[str, str] | None = None
+    first = True
 
     def looked_at(state: TensorDictBase) -> int:
-        nonlocal names
+        nonlocal names, first
+        if first and optimum is not None:
+            optimum.begin()
+        first = False
         action = choose(state, env, generator)
         names = _chosen_and_best(env, action) if confusion is not None else None
         return action
 
     while made < choices:
-        env.next_scene, scene = scene, scene + SCENES_APART
+        env.next_scene, scene, first = scene, scene + SCENES_APART, True
         for decision in islice(episode(env, looked_at), choices - made):
             result = decision["next"]
+            if optimum is not None:
+                optimum.add(result)
             gap = float(result[keys.REWARD_AVAILABLE] - result[keys.REWARD])
             correct, regret, made = correct + (gap < SAME_REWARD), regret + gap, made + 1
             if confusion is not None and names is not None:
@@ -96,6 +106,7 @@ def play(
         "correct": correct,
         "regret": regret / max(1, made),
         "components": components,
+        **(optimum.found() if optimum is not None else {}),
     }
 
 
@@ -112,14 +123,30 @@ def evaluate(
     choices: int,
     until: dict[str, float] | None,
     baselines: bool,
+    gamma: float = 0.0,
+    weights: Mapping[str, float] | None = None,
 ) -> dict[str, Any]:
     """The policy and, where asked for, the baselines on the same scenes.
+
+    Where something follows (γ > 0) and the world can be solved, choices are held against Q* as well, and who the world
+    offers as advisers (:class:`~xqmap.envs.protocol.Advised`) plays, too.
+
+    Args:
+        policy: writes ``action``.
+        env: the world.
+        seeds: of the runs.
+        choices: the most choices of a run.
+        until: see :func:`play`.
+        baselines: whether the baselines play.
+        gamma: discount per decision that the policy was trained with.
+        weights: w_k by component.
 
     Returns:
         The part of ``evaluation.json`` that playing decides: ``runs``, ``success``, ``confusion`` (of the policy:
         ``{chosen: {best: count}}``), ``baselines``.
     """
-    choosers = {"policy": greedy(policy)} | (BASELINES if baselines else {})
+    choosers = {"policy": greedy(policy)} | (known_to(env, gamma) if baselines else {})
+    solved = gamma > 0 and isinstance(env.task, Solvable)
     table: dict[str, list[dict[str, Any]]] = {}
     pairs: Counter[tuple[str, str]] = Counter()
     with tqdm(total=len(choosers) * len(seeds), unit="run", desc="evaluating", mininterval=1.0) as bar:
@@ -127,7 +154,9 @@ def evaluate(
             table[name] = []
             bar.set_postfix_str(name)
             for seed in seeds:
-                table[name].append(play(choose, env, seed, choices, until, pairs if name == "policy" else None))
+                optimum = Optimum(env, gamma, weights or {}) if solved else None
+                counted = pairs if name == "policy" else None
+                table[name].append(play(choose, env, seed, choices, until, counted, optimum))
                 bar.update()
     return {
         "runs": table["policy"],
@@ -137,7 +166,9 @@ def evaluate(
             for chosen in sorted({c for c, _ in pairs})
         },
         "baselines": {
-            name: success(runs) | {"regret": _mean_regret(runs)} for name, runs in table.items() if name != "policy"
+            name: success(runs) | {"regret": _mean_regret(runs)} | against_optimum(runs)
+            for name, runs in table.items()
+            if name != "policy"
         },
     }
 
@@ -146,16 +177,27 @@ def _mean_regret(runs: list[dict[str, Any]]) -> float:
     return sum(run["regret"] * run["choices"] for run in runs) / max(1, sum(run["choices"] for run in runs))
 
 
+def against_optimum(runs: list[dict[str, Any]]) -> dict[str, float]:
+    """The share of choices that Q* calls best, and return over optimum, of runs that were held against it."""
+    sums = {name: sum(run.get(name, 0) for run in runs) for name in ("asked", "optimal", "return", "optimum")}
+    found = {"optimal": sums["optimal"] / sums["asked"]} if sums["asked"] else {}
+    return found | ({"return": sums["return"] / sums["optimum"]} if sums["optimum"] else {})
+
+
 def table(result: dict[str, Any]) -> str:
     """``evaluation.json`` as the lines a person reads."""
-    rows = [(result["method"], result["success"], _mean_regret(result["runs"]))]
+    own = against_optimum(result["runs"])
+    rows = [(result["method"], result["success"] | own, _mean_regret(result["runs"]))]
     rows += [(name, row, row["regret"]) for name, row in result["baselines"].items()]
+    further = {name: head for name, head in (("optimal", "best by Q*"), ("return", "÷ optimum")) if name in own}
     lines = [f"{result['task']}: best choices ÷ choices on {len(result['runs'])} seeds never trained on"]
     lines.append(f"{'':<15}{'best choices':>14}{'± over runs':>13}{'95 % interval':>19}{'choices':>9}{'regret':>9}")
+    lines[-1] += "".join(f"{head:>12}" for head in further.values())
     for name, row, regret in rows:
         low, high = row["ci95"]
         lines.append(
             f"{name:<15}{row['mean']:>13.1%} "
             f"{row['std']:>12.1%}{f'{low:.1%} – {high:.1%}':>19}{row['choices']:>9}{regret:>9.3f}"
+            + "".join(f"{row[name]:>12.1%}" if name in row else f"{'':>12}" for name in further)
         )
     return "\n".join(lines)

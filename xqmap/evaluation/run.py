@@ -47,7 +47,8 @@ def evaluate_run(
     try:
         until = dict(settings.until) if settings.until else None
         unplayed = settings.baselines and baselines is None
-        played = play.evaluate(run.policy, env, list(settings.seeds), settings.choices, until, unplayed)
+        gamma, known = run.cfg.loss.gamma, run.cfg.task.weights
+        played = play.evaluate(run.policy, env, list(settings.seeds), settings.choices, until, unplayed, gamma, known)
         if baselines:
             played["baselines_from"], played["baselines"] = baselines
         if settings.calibration:

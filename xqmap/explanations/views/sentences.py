@@ -8,7 +8,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from omegaconf import OmegaConf
+from omegaconf import DictConfig, OmegaConf
 
 from xqmap.config import plugins
 from xqmap.explanations import contrast
@@ -36,10 +36,20 @@ def listed(words: Sequence[str]) -> str:
 
 
 def wording_for(task: str) -> dict[str, Any]:
-    """The templates of a task (``conf/explain/wording``), or the plain ones."""
-    own = [plugins.find("explain", "wording", f"{name}.yaml") for name in ("plain", task)]
-    merged = OmegaConf.merge(*(OmegaConf.load(path) for path in own if path))
-    return {key: value for key, value in OmegaConf.to_container(merged).items() if key != "defaults"}  # type: ignore[union-attr, misc]
+    """The templates of a task (``conf/explain/wording``) over those that its file names as ``defaults``, or the plain
+    ones.
+    """
+    merged = OmegaConf.merge(_wording("plain"), _wording(task))
+    return {str(key): value for key, value in OmegaConf.to_container(merged).items()}  # type: ignore[union-attr]
+
+
+def _wording(name: str) -> DictConfig:
+    path = plugins.find("explain", "wording", f"{name}.yaml")
+    content = OmegaConf.load(path) if path else OmegaConf.create()
+    assert isinstance(content, DictConfig)
+    merged = OmegaConf.merge(*map(_wording, content.pop("defaults", [])), content)
+    assert isinstance(merged, DictConfig)
+    return merged
 
 
 def write(decision: Decision, wording: Mapping[str, Any] | None = None) -> dict[str, Any]:
