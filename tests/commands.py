@@ -8,6 +8,8 @@ import runpy
 import subprocess
 import sys
 import tempfile
+from functools import cache
+from multiprocessing import forkserver
 from pathlib import Path
 
 # Imported once, without threads, in the process that commands are forked from: half of a short command is imports.
@@ -36,8 +38,8 @@ def start(module: str, *arguments: str, cwd: Path) -> subprocess.CompletedProces
 
 def call(module: str, *arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
     """The same in a process that is forked from one where the imports are done."""
+    _have_imported()
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload([*_IMPORTED, __name__])
     with tempfile.TemporaryDirectory() as folder:
         out, error = (Path(folder) / name for name in ("out", "error"))
         process = context.Process(target=_run, args=(module, arguments, str(cwd), _clean(), str(out), str(error)))
@@ -49,6 +51,13 @@ def call(module: str, *arguments: str, cwd: Path) -> subprocess.CompletedProcess
         # What a command that was never begun says is in pytest's own capture.
         told = [path.read_text(errors="replace") if path.exists() else "" for path in (out, error)]
     return subprocess.CompletedProcess([module, *arguments], process.exitcode or 0, *told)
+
+
+@cache
+def _have_imported() -> None:
+    # What another test began imports less, and would not change any more.
+    forkserver._forkserver._stop()  # type: ignore[attr-defined]
+    forkserver.set_forkserver_preload([*_IMPORTED, __name__])
 
 
 def _clean() -> dict[str, str]:

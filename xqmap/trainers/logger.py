@@ -85,9 +85,10 @@ class Log:
         self._to_wandb(send)
 
     def close(self) -> None:
-        """Ends the wandb run, so that the next one in this process gets an id of its own."""
+        """Ends the wandb run, so that the next one in this process gets an id of its own; again, nothing."""
         self._file.close()
         self._to_wandb(lambda experiment: experiment.finish())
+        self._wandb = None
 
     def _to_wandb(self, act: Callable[[Any], Any]) -> None:
         """Training does not end because its log does: wandb is left out from its first failure on."""

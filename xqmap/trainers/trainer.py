@@ -190,8 +190,9 @@ class Trainer:
         }
 
     def close(self) -> None:
-        """Frees the simulator."""
+        """Frees the simulator, and the log of a training that never ran."""
         self.env.close()
+        self.log.close()
 
     def _step(self, batch: TensorDictBase) -> dict[str, float]:
         """Remembers a batch of decisions, learns, and returns its row of metrics."""
