@@ -35,24 +35,21 @@ from mani_skill.utils.registration import register_env
 from mani_skill.utils.structs.types import DefaultMaterialsConfig, SceneConfig, SimConfig
 
 from . import oracle, workcell
-from .agents.ur5e import UR5e, cup_reach, joints_at
-from .base import DecisionEnv, SceneObject
+from .agents.ur5e import cup_reach, joints_at
 from .layouts import reachable_layout
-from .offers import Offer, in_time, offer
 from .primitives import Arm, pick
 from .settings import Within, checked
 from .suction import Suction, felt, seals
-from .tabletop import FRICTION, TOP, Thing, body_of, carried, cube_top, entity, footprint, pose_of
-from .workcell import BIN, BOUNDS, CELLS, HOME_HEIGHT, PIXEL_SIZE
+from .tabletop import FRICTION, Thing, body_of, entity, pose_of
+from .truth import Known
+from .workcell import BIN, BOUNDS, HOME_HEIGHT, PIXEL_SIZE
 
 # Objects are at rest when none is faster (m/s); they get this many simulation steps to come to rest.
 STILL, SETTLE_STEPS = 0.002, 400
-# Scenes by which the best fixed order is found, and the most objects of which every order of removal is solved.
-ORDERED, SOLVED = 200, 16
 
 
 @register_env("XQMapGrasping-v1", max_episode_steps=None)
-class GraspingEnv(DecisionEnv):
+class GraspingEnv(Known):
     """See the head of this file.
 
     Args:
@@ -69,7 +66,7 @@ class GraspingEnv(DecisionEnv):
         hover: height of the cup over the table on its way, m.
         attempts: decisions after which an episode is truncated.
         control_steps: the most a pick may take (100 a second).
-        kwargs: of :class:`DecisionEnv`.
+        kwargs: of :class:`.base.DecisionEnv`.
 
     ``reset(options={"things": [...]})`` puts these objects (``Thing.to_dict()``) in the place of the drawn ones and
     leaves all else as the seed has it: the way to see the same table with one object recolored, reshaped or gone.
@@ -82,10 +79,7 @@ class GraspingEnv(DecisionEnv):
     REWARD_COMPONENTS = ("shape", "color")
     BACKGROUND = "table"
     METRICS = ("touched", "sealed", "slip_mm", "control_steps", "layouts_rejected")
-    # Who is asked besides: the highest reward now, the best order that looks at one object at a time, the best by Q*.
-    ADVISERS = ("myopic", "fixed order", "oracle")
     SUPPORTED_ROBOTS = ["xqmap_ur5e"]  # noqa: RUF012 (ManiSkill's own declaration)
-    agent: UR5e
 
     @checked
     def __init__(
@@ -106,8 +100,6 @@ class GraspingEnv(DecisionEnv):
         self.object_range, self.layout, self.seal, self.light, self.tint = objects, layout, seal, light, tint
         self.depth_noise, self.hover, self.attempts, self.control_steps = depth_noise, hover, attempts, control_steps
         self.failure, self._failed = failure, False
-        self._solvers: dict[float, oracle.Solver] = {}
-        self._blind: dict[float, oracle.Choose] = {}
         self._things: dict[sapien.Entity, Thing] = {}
         self._binned: list[sapien.Entity] = []
         self._made = self.layouts_rejected = 0
@@ -257,80 +249,3 @@ class GraspingEnv(DecisionEnv):
         over = not any(thing.kind == "cube" for thing in self._on_table().values())
         over = over or (self.failure == "ends" and self._failed)
         return over, not over and self._made >= self.attempts
-
-    # -- what the world knows: evaluation and perception only ----------------------------------------------------------
-
-    def _on_table(self) -> dict[sapien.Entity, Thing]:
-        """The objects within the workspace; what fell off or out of it is out of the game."""
-        low, high = BOUNDS.T
-        return {
-            built: thing
-            for built, thing in self._things.items()
-            if (low <= built.pose.p).all() and (built.pose.p < high).all()
-        }
-
-    def _offers(self) -> list[Offer]:
-        """What a pick can make of each object on the table."""
-        found = [offer(built, self._things, CELLS, self.reachable, self.seal) for built in self._on_table()]
-        return in_time(found, self.arm.limit, self.hover, self._home, self.arm.period)
-
-    def _items(self, offers: list[Offer]) -> list[oracle.Item]:
-        things = self._on_table()
-        cubes = [i for i, thing in enumerate(things.values()) if thing.kind == "cube"]
-        below = carried([pose_of(built) for built, thing in things.items() if thing.kind == "cube"])
-        on = {cube: None if at is None else cubes[at] for cube, at in zip(cubes, below, strict=True)}
-        items = []
-        for i, (thing, found) in enumerate(zip(things.values(), offers, strict=True)):
-            # What lies below another is taken when that is gone.
-            buried = i in on.values()
-            rank = thing.rank * (buried or found.touch is not None)
-            items.append(oracle.Item(rank, buried or found.lift is not None, on.get(i)))
-        return items
-
-    def _solver(self, gamma: float) -> oracle.Solver:
-        if gamma not in self._solvers:
-            self._solvers[gamma] = oracle.Solver(self.weights.tolist(), gamma, self.failure)
-        return self._solvers[gamma]
-
-    def highest_reward(self) -> float:
-        """Σ_k w_k r_k of the best object on the table; 0 where there is none."""
-        now, _ = self._solver(0.0).values(self._items(self._offers()))
-        return max((self.weighed(dict(zip(self.REWARD_COMPONENTS, paid, strict=True))) for paid in now), default=0.0)
-
-    def oracle_point(self) -> np.ndarray:
-        """``[3]``, m: on the object of the highest reward, as near to its middle as that can be earned."""
-        return self._point_of(oracle.optimal(self._solver(0.0)))
-
-    def advice(self, name: str, gamma: float) -> np.ndarray:
-        """``[3]``, m: where someone of :attr:`ADVISERS` would pick."""
-        solver = self._solver(gamma)
-        if name == "fixed order" and gamma not in self._blind:
-            self._blind[gamma] = oracle.blind(solver, oracle.sampled(ORDERED, self.object_range))
-        choices = {"myopic": oracle.myopic, "fixed order": lambda _: self._blind[gamma], "oracle": oracle.optimal}
-        return self._point_of(choices[name](solver))
-
-    def _point_of(self, choose: oracle.Choose) -> np.ndarray:
-        offers = self._offers()
-        items = self._items(offers)
-        chosen = offers[choose(items)] if items else Offer()
-        return np.array([*BOUNDS[:2].mean(1), 0.0]) if chosen.point is None else chosen.point
-
-    def exact_values(self, gamma: float) -> np.ndarray | None:
-        """Q*_k ``[objects, 2]`` of each of :meth:`scene_objects`, from the exact solution in :mod:`.oracle`; None where
-        it is beyond reckoning: at γ = 1 with bowls that pay for ever, and with too many that are removed one by one.
-        """
-        items = self._items(self._offers())
-        if (gamma == 1 and self.failure == "stays") or (self.failure == "removed" and len(items) > SOLVED):
-            return None
-        now, later = self._solver(gamma).values(items)
-        return now + gamma * later
-
-    def scene_objects(self) -> list[SceneObject]:
-        """The objects on the table."""
-        found = []
-        for built, thing in self._on_table().items():
-            pose = pose_of(built)
-            top = float(cube_top(pose)[2]) if thing.kind == "cube" else float(pose[2, 3]) + TOP["bowl"]
-            attributes = {"color": thing.color, "kind": thing.kind, "rank": thing.rank}
-            found.append(SceneObject(thing.name, footprint(thing.kind, pose[:3, 3], pose[:3, :3]), top, attributes))
-        return found

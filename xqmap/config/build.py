@@ -19,6 +19,7 @@ from xqmap.data.samplers import PrioritySampler
 from xqmap.envs.maniskill import ManiSkillEnv
 from xqmap.errors import UserError
 from xqmap.explanations.perception import Perception
+from xqmap.models.context import Context
 from xqmap.models.policy import EpsilonGreedy
 from xqmap.models.qmaps import QMaps
 from xqmap.models.unet import LocalGeometry, UNet
@@ -97,9 +98,14 @@ def _untrained(cfg: DictConfig, pixel_size: float) -> QMaps:
     stem = LocalGeometry(
         pixel_size, cfg.qnet.height_scale, list(cfg.qnet.plane_windows), cfg.qnet.surroundings, cfg.qnet.slope_scale
     )
-    unet = partial(UNet, width=cfg.qnet.width, depth=cfg.qnet.depth)
+    # Where nothing follows there is nothing that a context could say.
+    size = cfg.qnet.context if cfg.loss.gamma > 0 else 0
+    context = Context(size, cfg.qnet.height_scale, cfg.qnet.raised_height) if size else None
+    unet = partial(UNet, width=cfg.qnet.width, depth=cfg.qnet.depth, context=size)
     # A task whose transitions may be turned and mirrored is decided on from all sides, too.
-    return QMaps(cfg.method.components, stem, unet, cfg.method.weights, symmetric=cfg.replay.augment)
+    return QMaps(
+        cfg.method.components, stem, unet, cfg.method.weights, cfg.replay.augment, context, float(cfg.loss.gamma)
+    )
 
 
 def replay(cfg: DictConfig) -> Replay:

@@ -53,6 +53,8 @@ class QNet:
     plane_windows: list[int] = MISSING
     surroundings: int = _bounded(3, 255)
     slope_scale: float = _bounded(0, above=True)
+    context: int = _bounded(0, 4096)
+    raised_height: float = MISSING
 
 
 @dataclass

@@ -12,6 +12,7 @@ from torch.nn import functional as F
 
 from xqmap import keys
 from xqmap.data.symmetry import elements, restore, transform
+from xqmap.models.context import Context
 from xqmap.models.unet import LocalGeometry, UNet
 
 # Of the widest layers, in cells: about what a processor's cache holds.
@@ -56,6 +57,9 @@ class QMaps(TensorDictModuleBase):
         weights: w_k by name, or in the order of ``components``; 1 each when not given.
         symmetric: in evaluation mode a map is the mean over the turned and mirrored heightmaps: the argmax over
             thousands of cells finds a single view's outliers, and no outlier is one from every side.
+        context: sees the whole map. With it Q_k = now_k + γ · later_k: what a decision pays, from the cells around it
+            alone, and what can follow, which depends on what else is there. Without, Q_k is one number.
+        gamma: discount per decision; read only where there is a context.
     """
 
     def __init__(
@@ -65,8 +69,11 @@ class QMaps(TensorDictModuleBase):
         unet: Callable[[int], UNet],
         weights: Mapping[str, float] | Sequence[float] | None = None,
         symmetric: bool = False,
+        context: Context | None = None,
+        gamma: float = 0.0,
     ) -> None:
         super().__init__()
+        self.context, self.gamma = context, gamma
         self.symmetric = symmetric
         self.in_keys = [keys.HEIGHTMAP]
         self.out_keys = [keys.COMPONENT_ACTION_VALUE, keys.ACTION_VALUE]
@@ -97,10 +104,27 @@ class QMaps(TensorDictModuleBase):
         """
         if self.training or not self.symmetric:
             return self._padded(heightmap)
+        return self._from_all_sides(self._padded, heightmap)
+
+    def now(self, heightmap: Tensor) -> Tensor:
+        """``[B, 4, H, W]`` → the part of the Q-Maps ``[B, K, H, W]`` that a decision there pays itself; all of it where
+        there is no context.
+        """
+        if self.context is None:
+            return self.maps(heightmap)
+
+        def paid(image: Tensor) -> Tensor:
+            rows, columns = image.shape[-2:]
+            seen = self.geometry(pad_to_grid(image, self.stride))
+            return torch.cat([unet(seen) for unet in self._unets()], dim=1)[..., :rows, :columns]
+
+        if self.training or not self.symmetric:
+            return paid(heightmap)
+        return self._from_all_sides(paid, heightmap)
+
+    def _from_all_sides(self, see: Callable[[Tensor], Tensor], heightmap: Tensor) -> Tensor:
         sides = range(elements(*heightmap.shape[-2:]))
-        return torch.stack(
-            [restore(self._padded(transform(heightmap, side).contiguous()), side) for side in sides]
-        ).mean(0)
+        return torch.stack([restore(see(transform(heightmap, side).contiguous()), side) for side in sides]).mean(0)
 
     def _padded(self, heightmap: Tensor) -> Tensor:
         rows, columns = heightmap.shape[-2:]
@@ -113,7 +137,14 @@ class QMaps(TensorDictModuleBase):
 
     def _maps(self, heightmap: Tensor) -> Tensor:
         image = self.geometry(heightmap)
-        return torch.cat([unet(image) for unet in self.unets], dim=1)
+        if self.context is None:
+            return torch.cat([unet(image) for unet in self.unets], dim=1)
+        whole = self.context(heightmap)
+        return torch.cat([self._in_context(unet, unet.features(image), whole) for unet in self._unets()], dim=1)
+
+    def _in_context(self, unet: UNet, features: Tensor, whole: Tensor) -> Tensor:
+        assert unet.later is not None
+        return unet.value(features) + self.gamma * unet.later(features, whole)
 
     def geometry(self, heightmap: Tensor) -> Tensor:
         """``[B, 4, H, W]`` → ``[B, C, H, W]``: what the U-Nets see."""

@@ -122,16 +122,26 @@ def has_cone(network: nn.Module) -> TypeGuard[QMaps]:
 
 def values(network: QMaps, heightmap: Tensor, action: Tensor) -> Tensor:
     """``[B, K]``: the Q-Maps of heightmaps ``[B, 4, H, W]`` at the actions ``[B]``, row · W + column."""
+    now, later = parts(network, heightmap, action)
+    return now if later is None else now + network.gamma * later
+
+
+def parts(network: QMaps, heightmap: Tensor, action: Tensor) -> tuple[Tensor, Tensor | None]:
+    """``[B, K]`` each: what the actions pay and what can follow, Q_k = now_k + γ · later_k; all of Q_k and None where
+    the network has no context.
+    """
     rows, columns = heightmap.shape[-2:]
     if network.training or not network.symmetric:
-        return _values(network, heightmap, action)
+        return _parts(network, heightmap, action)
     sides = range(elements(rows, columns))
     places = moved(rows, columns).to(action.device)
-    seen = [_values(network, transform(heightmap, side), places[side, action]) for side in sides]
-    return torch.stack(seen).mean(0)
+    seen = [_parts(network, transform(heightmap, side), places[side, action]) for side in sides]
+    now = torch.stack([first for first, _ in seen]).mean(0)
+    later = [second for _, second in seen if second is not None]
+    return now, torch.stack(later).mean(0) if later else None
 
 
-def _values(network: QMaps, heightmap: Tensor, action: Tensor) -> Tensor:
+def _parts(network: QMaps, heightmap: Tensor, action: Tensor) -> tuple[Tensor, Tensor | None]:
     columns = heightmap.shape[-1]
     heightmap = pad_to_grid(heightmap, network.stride)
     rows, padded = heightmap.shape[-2:]
@@ -139,7 +149,9 @@ def _values(network: QMaps, heightmap: Tensor, action: Tensor) -> Tensor:
     unets = [unet for unet in network.unets if isinstance(unet, UNet)]
     cone = Cone(unets[0], cell, (rows, padded))
     if cone.base.size**2 >= rows * padded:
-        return values_at(network.maps(heightmap).flatten(2), cell[:, 0] * padded + cell[:, 1])
+        image, place = network.geometry(heightmap), cell[:, 0] * padded + cell[:, 1]
+        features = [values_at(unet.features(image).flatten(2), place)[..., None, None] for unet in unets]
+        return _valued(network, unets, features, heightmap)
     # The stem repeats the map's edge where its own windows reach over it.
     margin = network.stem.radius
     around = cone.base.grown(margin)
@@ -147,7 +159,20 @@ def _values(network: QMaps, heightmap: Tensor, action: Tensor) -> Tensor:
     seen = _taken(heightmap, around.cells.clamp_min(0).minimum(last)).contiguous()
     image = network.geometry(seen)[..., margin:-margin, margin:-margin]
     image = image * cone.base.inside.to(image.dtype)
-    return torch.cat([unet.value(cone.features(unet, image)[..., None, None]).flatten(1) for unet in unets], 1)
+    features = [cone.features(unet, image)[..., None, None] for unet in unets]
+    return _valued(network, unets, features, heightmap)
+
+
+def _valued(
+    network: QMaps, unets: list[UNet], features: list[Tensor], heightmap: Tensor
+) -> tuple[Tensor, Tensor | None]:
+    """What each U-Net makes of its features ``[B, width, 1, 1]`` at the cells, in the context of the whole map."""
+    now = torch.cat([unet.value(seen).flatten(1) for unet, seen in zip(unets, features, strict=True)], 1)
+    if network.context is None:
+        return now, None
+    whole = network.context(heightmap)
+    later = [unet.later(seen, whole).flatten(1) for unet, seen in zip(unets, features, strict=True) if unet.later]
+    return now, torch.cat(later, 1)
 
 
 def _plain(unet: nn.Module) -> bool:

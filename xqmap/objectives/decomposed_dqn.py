@@ -30,6 +30,9 @@ class DecomposedDQNLoss(LossModule):
     nets; the loss is Σ_k d(Q_k(s, a), y_k) over one batch for all k. All Q_k then value one policy. With K = 1 this is
     double DQN exactly.
 
+    Q-Maps with a context have two parts, Q_k = now_k + γ · later_k: each learns its own, now_k the reward r_k and
+    later_k what follows, (1 − terminated) Q̄_k(s', a⁺); the loss is the sum of both distances.
+
     Values of :class:`~xqmap.models.qmaps.QMaps` at an action, and their gradients, are computed on the cells that they
     depend on (:mod:`xqmap.objectives.cone`); those of any other network are taken from all that it writes.
 
@@ -186,6 +189,9 @@ class DecomposedDQNLoss(LossModule):
         Args:
             value_type: ``ValueEstimators.TD0``, ``TD1`` or ``TDLambda``.
             hyperparams: ``gamma``, ``lmbda``.
+
+        Raises:
+            ValueError: if the network has another γ.
         """
         value_type = value_type or self.default_value_estimator
         estimators: dict[ValueEstimators, type[ValueEstimatorBase]] = {
@@ -196,6 +202,8 @@ class DecomposedDQNLoss(LossModule):
         if value_type not in estimators:
             raise NotImplementedError(f"{value_type} is not an estimator for Q-values; use TD0, TD1 or TDLambda")
         self.value_type = value_type
+        if self.has_cone and self.value_network.context is not None and hyperparams.get("gamma") != self._gamma():
+            raise ValueError(f"gamma={hyperparams.get('gamma')}, but the network's later part counts {self._gamma()}")
         settings = dict(default_value_kwargs(value_type)) | hyperparams
         self._value_estimator = estimators[value_type](**settings, value_network=None)
         self._name_keys(self._value_estimator)
@@ -224,15 +232,22 @@ class DecomposedDQNLoss(LossModule):
             Q_k(s, a)).
 
         Raises:
-            ValueError: if an entry's shape is another; it is named.
+            ValueError: if an entry's shape is another; it is named. Or if an n-step batch is to teach a network what
+                one decision pays.
         """
         k = self.tensor_keys
         action = inputs.actions(tensordict, k.action, self.one_hot)
-        value = self._values(tensordict, action, self.value_network_params)
+        now, later = self._parts(tensordict, action, self.value_network_params)
+        value = now if later is None else now + self._gamma() * later
         with torch.no_grad():
             target = self._targets(tensordict).to(value)
         error = (target - value.detach()).abs()
-        loss = distance_loss(value, target, self.loss_function)
+        if later is None:
+            loss = distance_loss(value, target, self.loss_function)
+        else:
+            reward = inputs.rewards(tensordict["next"], k.reward, self.components).to(value)
+            loss = distance_loss(now, reward, self.loss_function)
+            loss = loss + distance_loss(later, (target - reward) / self._gamma(), self.loss_function)
         if tensordict.get(k.priority_weight, None) is not None:
             loss = loss * inputs.numbers(tensordict, k.priority_weight).to(loss)[..., None]
         tensordict.set(k.priority, error.sum(-1))
@@ -257,8 +272,21 @@ class DecomposedDQNLoss(LossModule):
             raise ValueError(f"the network wrote {key} {list(found[key].shape)}, must be {[*wanted, 'A']}: {names}")
         return found
 
+    def _gamma(self) -> float:
+        """Of a network in two parts."""
+        return float(self.value_network.gamma)  # type: ignore[arg-type]
+
     def _values(self, tensordict: TensorDictBase, action: Tensor, params: TensorDictParams) -> Tensor:
         """``[*, K]``: Q_k at the actions ``[*]`` (or one-hot ``[*, A]``) in the states ``[*]``."""
+        now, later = self._parts(tensordict, action, params)
+        return now if later is None else now + self._gamma() * later
+
+    def _parts(
+        self, tensordict: TensorDictBase, action: Tensor, params: TensorDictParams
+    ) -> tuple[Tensor, Tensor | None]:
+        """``[*, K]`` each: what the actions pay and what can follow; Q_k and None of a network that does not tell them
+        apart.
+        """
         lead, key = tensordict.batch_size, self.tensor_keys.heightmap
         states = tensordict.select(*self.value_network.in_keys).reshape(-1)
         action = action.reshape(-1, *action.shape[len(lead) :])
@@ -266,9 +294,10 @@ class DecomposedDQNLoss(LossModule):
             assert isinstance(self.value_network, QMaps)
             action = inputs.index(action, states[key].shape[-2:].numel())
             with params.to_module(self.value_network, preserve_module_state=False):
-                return cone.values(self.value_network, states[key], action).reshape(*lead, -1)
+                now, later = cone.parts(self.value_network, states[key], action)
+            return now.reshape(*lead, -1), None if later is None else later.reshape(*lead, -1)
         maps = self._network(states, params)[self.tensor_keys.component_action_value]
-        return values_at(maps, inputs.index(action, maps.shape[-1])).reshape(*lead, -1)
+        return values_at(maps, inputs.index(action, maps.shape[-1])).reshape(*lead, -1), None
 
     def _targets(self, tensordict: TensorDictBase) -> Tensor:
         """``[*, K]``: y_k. Next states after which nothing comes are not looked at."""
@@ -287,6 +316,8 @@ class DecomposedDQNLoss(LossModule):
         batch.set(("next", k.done), done[..., None].expand_as(reward))
         batch.set(("next", k.terminated), terminated[..., None].expand_as(reward))
         if tensordict.get(k.steps_to_next_obs, None) is not None:
+            if self.has_cone and self.value_network.context is not None:
+                raise ValueError(f"{k.steps_to_next_obs}: of several steps nobody learns what one decision pays")
             steps = inputs.numbers(tensordict, k.steps_to_next_obs)
             batch.set(k.steps_to_next_obs, steps[..., None].expand_as(reward))
         return self.value_estimator.value_estimate(batch, next_value=future)

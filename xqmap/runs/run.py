@@ -17,6 +17,8 @@ from xqmap.runs.places import POLICY, home, locate
 
 # Settings of earlier versions, on which nothing of what was learned depends.
 _FORMER = {"loss": ("windowed",)}
+# Settings that trainings had, in effect, before there was a name for them.
+_SINCE = {"qnet": {"context": 0, "raised_height": 0.0}}
 
 
 @dataclass
@@ -75,9 +77,10 @@ def stored_settings(facts: dict[str, Any], file: Path) -> DictConfig:
     stored = facts.get("config")
     if not isinstance(stored, dict) or not schema.small(stored) or not _plain(stored):
         raise UserError(f"{file} carries no readable settings: train again")
-    for part, names in _FORMER.items():
+    for part in {*_FORMER, *_SINCE}:
         if isinstance(stored.get(part), dict):
-            stored = stored | {part: {name: value for name, value in stored[part].items() if name not in names}}
+            kept = {name: value for name, value in stored[part].items() if name not in _FORMER.get(part, ())}
+            stored = stored | {part: _SINCE.get(part, {}) | kept}
     try:
         cfg = schema.typed(OmegaConf.create(stored))
         schema.validate(cfg, playing=True)
