@@ -34,8 +34,8 @@ class Known(DecisionEnv):
     _things: dict[sapien.Entity, Thing]
 
     def __init__(self, **kwargs: Any) -> None:
-        self._solvers: dict[float, oracle.Solver] = {}
-        self._blind: dict[float, oracle.Choose] = {}
+        self._solvers: dict[tuple[Any, ...], oracle.Solver] = {}
+        self._blind: dict[oracle.Solver, oracle.Choose] = {}
         super().__init__(**kwargs)
 
     def _on_table(self) -> dict[sapien.Entity, Thing]:
@@ -66,9 +66,10 @@ class Known(DecisionEnv):
         return items
 
     def _solver(self, gamma: float) -> oracle.Solver:
-        if gamma not in self._solvers:
-            self._solvers[gamma] = oracle.Solver(self.weights.tolist(), gamma, self.failure)
-        return self._solvers[gamma]
+        rules = gamma, self.failure, tuple(self.weights.tolist())
+        if rules not in self._solvers:
+            self._solvers[rules] = oracle.Solver(rules[2], gamma, self.failure)
+        return self._solvers[rules]
 
     def highest_reward(self) -> float:
         """Σ_k w_k r_k of the best object on the table; 0 where there is none."""
@@ -82,9 +83,9 @@ class Known(DecisionEnv):
     def advice(self, name: str, gamma: float) -> np.ndarray:
         """``[3]``, m: where someone of :attr:`ADVISERS` would pick."""
         solver = self._solver(gamma)
-        if name == "fixed order" and gamma not in self._blind:
-            self._blind[gamma] = oracle.blind(solver, oracle.sampled(ORDERED, self.object_range))
-        choices = {"myopic": oracle.myopic, "fixed order": lambda _: self._blind[gamma], "oracle": oracle.optimal}
+        if name == "fixed order" and solver not in self._blind:
+            self._blind[solver] = oracle.blind(solver, oracle.sampled(ORDERED, self.object_range))
+        choices = {"myopic": oracle.myopic, "fixed order": lambda _: self._blind[solver], "oracle": oracle.optimal}
         return self._point_of(choices[name](solver))
 
     def _point_of(self, choose: oracle.Choose) -> np.ndarray:

@@ -93,7 +93,8 @@ def refused(task: str, name: str, value: Any) -> str:
         ("grasping", "depth_noise", -1, "between 0 and 0.1, not -1"),
         ("grasping", "hover", 0.5, "between 0.09 and 0.4, not 0.5"),
         ("grasping", "attempts", 0, "between 1 and 10000 (a whole number), not 0"),
-        ("grasping", "layout", "heap", 'spread or cluttered, not "heap"'),
+        ("grasping", "layout", "heap", 'spread, cluttered or stacked, not "heap"'),
+        ("grasping", "failure", "again", 'ends, stays or removed, not "again"'),
         ("grasping", "seal", ["rim"], 'rim or touch, not ["rim"]'),
         ("landing", "render_backend", "none", 'auto, cpu, gpu or sapien_cuda:NUMBER, not "none"'),
         ("landing", "render_mode", "film", 'rgb_array, human, sensors, all or null, not "film"'),
@@ -125,7 +126,13 @@ def test_a_weight_of_no_component_is_refused(started: list[dict[str, Any]]) -> N
     assert not started
 
 
-@pytest.mark.parametrize(("task", "name"), [(task, name) for task in WORLDS for name in SETTINGS[task]])
+# Agents were trained before there was this setting; they meant what it is without a value.
+NEWER = [("grasping", "failure")]
+
+
+@pytest.mark.parametrize(
+    ("task", "name"), [(task, name) for task in WORLDS for name in SETTINGS[task] if (task, name) not in NEWER]
+)
 def test_a_setting_without_a_value_is_named(task: str, name: str) -> None:
     with pytest.raises(SettingError, match=f"^{name} must be .*, but has no value$"):
         WORLDS[task](**{other: value for other, value in SETTINGS[task].items() if other != name})
