@@ -4,6 +4,7 @@ did.
 
 from __future__ import annotations
 
+import mmap
 from collections.abc import Callable
 from typing import Any
 
@@ -37,12 +38,16 @@ def test_a_world_that_keeps_memory_and_files_is_found_out(
     step = ToyTask.step
 
     def leaking(self: ToyTask, action: np.ndarray) -> Any:
-        kept.append((np.ones(1 << 20), open(__file__)))  # noqa: SIM115
+        # Pages of its own: of memory that other tests gave back the process could take what it has already.
+        pages = mmap.mmap(-1, 1 << 23)
+        pages.write(bytes([1]) * (1 << 23))
+        kept.append((pages, open(__file__)))  # noqa: SIM115
         return step(self, action)
 
     monkeypatch.setattr(ToyTask, "step", leaking)
     result = soak(toy_config(), OmegaConf.create(), 60)
-    for _, file in kept:
+    for pages, file in kept:
+        pages.close()
         file.close()
     assert result["growth"] > 0.05
     assert result["leaked_files"] == 60 - 1 - 12
