@@ -97,6 +97,15 @@ class Solver:
                 later[i] = self.state_value(stacks, _without(bowls, item.rank) if self.failure == "removed" else bowls)
         return Values(now, later)
 
+    def component_values(self, items: Sequence[Item]) -> np.ndarray:
+        """``[objects, 2]``: Q*_k of every object, if the best choices follow."""
+        now, later = self.values(items)
+        return now + self.gamma * later
+
+    def worth(self, items: Sequence[Item]) -> np.ndarray:
+        """``[objects]``: Σ_k w_k Q*_k."""
+        return self.component_values(items) @ self.weights
+
     def _state_value(self, stacks: Stacks, bowls: Bowls) -> np.ndarray:
         """V*_k ``[2]`` of a state; one without a cube that can be lifted is an end."""
         if not stacks:
@@ -145,17 +154,6 @@ def _without(bowls: Bowls, rank: float) -> Bowls:
     return tuple(left)
 
 
-def component_values(items: Sequence[Item], weights: Sequence[float], gamma: float, failure: Failure) -> np.ndarray:
-    """Q*_k(s, o) ``[objects, 2]`` of every object: shape and color, if the best choices follow; see :class:`Solver`."""
-    now, later = Solver(weights, gamma, failure).values(items)
-    return now + gamma * later
-
-
-def best(items: Sequence[Item], weights: Sequence[float], gamma: float, failure: Failure) -> int:
-    """The place of the best object in ``items``; of equal ones a liftable one, then the first."""
-    return best_of(items, component_values(items, weights, gamma, failure) @ np.asarray(weights, dtype=float))
-
-
 def best_of(items: Sequence[Item], values: np.ndarray) -> int:
     """The place of the object of the highest value; of equal ones a liftable one, then the first."""
     order = sorted(range(len(items)), key=lambda i: not items[i].liftable)
@@ -175,20 +173,14 @@ _OFFSETS = (-9.0, -1.0, -0.6, -0.2, 0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.4, 2.0, 9.0)
 
 def optimal(solver: Solver) -> Choose:
     """The best by Q*."""
-
-    def choose(items: Sequence[Item]) -> int:
-        now, later = solver.values(items)
-        return best_of(items, (now + solver.gamma * later) @ solver.weights)
-
-    return choose
+    return lambda items: best_of(items, solver.worth(items))
 
 
 def myopic(solver: Solver) -> Choose:
     """The highest reward now; of equal ones the one that is worth the most."""
 
     def choose(items: Sequence[Item]) -> int:
-        now, later = solver.values(items)
-        reward, value = now @ solver.weights, (now + solver.gamma * later) @ solver.weights
+        reward, value = solver.values(items).now @ solver.weights, solver.worth(items)
         return int(np.where(reward >= reward.max() - EQUAL, value, -np.inf).argmax())
 
     return choose
@@ -247,8 +239,7 @@ def played(scenes: Sequence[Sequence[Item]], solver: Solver, choose: Choose, att
     for scene in scenes:
         items, discount = list(scene), 1.0
         for attempt in range(attempts):
-            now, later = solver.values(items)
-            reward, value = now @ solver.weights, (now + solver.gamma * later) @ solver.weights
+            reward, value = solver.values(items).now @ solver.weights, solver.worth(items)
             optimum += float(value.max()) if attempt == 0 else 0.0
             chosen = choose(items)
             item, choices = items[chosen], choices + 1

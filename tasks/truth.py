@@ -83,10 +83,11 @@ class Known(DecisionEnv):
     def advice(self, name: str, gamma: float) -> np.ndarray:
         """``[3]``, m: where someone of :attr:`ADVISERS` would pick."""
         solver = self._solver(gamma)
-        if name == "fixed order" and solver not in self._blind:
-            self._blind[solver] = oracle.blind(solver, oracle.sampled(ORDERED, self.object_range))
-        choices = {"myopic": oracle.myopic, "fixed order": lambda _: self._blind[solver], "oracle": oracle.optimal}
-        return self._point_of(choices[name](solver))
+        if name == "fixed order":
+            if solver not in self._blind:
+                self._blind[solver] = oracle.blind(solver, oracle.sampled(ORDERED, self.object_range))
+            return self._point_of(self._blind[solver])
+        return self._point_of({"myopic": oracle.myopic, "oracle": oracle.optimal}[name](solver))
 
     def _point_of(self, choose: oracle.Choose) -> np.ndarray:
         offers = self._offers()
@@ -101,8 +102,7 @@ class Known(DecisionEnv):
         items = self._items(self._offers())
         if (gamma == 1 and self.failure == "stays") or (self.failure == "removed" and len(items) > SOLVED):
             return None
-        now, later = self._solver(gamma).values(items)
-        return now + gamma * later
+        return self._solver(gamma).component_values(items)
 
     def scene_objects(self) -> list[SceneObject]:
         """The objects on the table."""

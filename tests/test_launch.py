@@ -38,7 +38,7 @@ assert signal.getsignal(signal.SIGINT) is before
 
 
 def test_a_program_that_imports_the_package_keeps_its_own_ctrl_c() -> None:
-    subprocess.run([sys.executable, "-c", _LIBRARY], check=True, timeout=600)
+    assert subprocess.run([sys.executable, "-c", _LIBRARY], check=False, timeout=600).returncode == 0
 
 
 # As in a container that is started for a user its /etc/passwd does not know.

@@ -10,10 +10,18 @@ import numpy as np
 import pytest
 
 from tasks import oracle
-from tasks.oracle import Item, Solver, best, component_values
+from tasks.oracle import Item, Solver, best_of
 
 WEIGHTS = (1.0, 1.0)
 RULES = ("ends", "stays", "removed")
+
+
+def component_values(items: Sequence[Item], weights: Sequence[float], gamma: float, failure: Any) -> np.ndarray:
+    return Solver(weights, gamma, failure).component_values(items)
+
+
+def best(items: Sequence[Item], weights: Sequence[float], gamma: float, failure: Any) -> int:
+    return best_of(items, Solver(weights, gamma, failure).worth(items))
 
 
 def value_iteration(items: Sequence[Item], weights: Sequence[float], gamma: float, failure: str) -> np.ndarray:
@@ -70,8 +78,8 @@ def test_components_of_a_small_scene_by_hand() -> None:
     after = {"stays": [gamma * (1 + gamma), 0.8 + gamma * 1.0], "ends": [0.0, 0.8]}
     for failure, bowl in after.items():
         expected = [[1 + gamma, 1.0], [1 + gamma, gamma * 1.0], bowl]
-        assert component_values(items, WEIGHTS, gamma, failure) == pytest.approx(np.array(expected))  # type: ignore[arg-type]
-        assert best(items, WEIGHTS, gamma, failure) == 0  # type: ignore[arg-type]
+        assert component_values(items, WEIGHTS, gamma, failure) == pytest.approx(np.array(expected))
+        assert best(items, WEIGHTS, gamma, failure) == 0
 
 
 def test_now_and_what_follows_are_the_value() -> None:

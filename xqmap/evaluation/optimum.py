@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -23,12 +23,12 @@ class Optimum:
     Args:
         env: the world.
         gamma: discount per decision.
-        weights: w_k by component; one that is not named weighs 1.
+        weights: w_k of the world's components, in their order.
     """
 
-    def __init__(self, env: ManiSkillEnv, gamma: float, weights: Mapping[str, float]) -> None:
+    def __init__(self, env: ManiSkillEnv, gamma: float, weights: Sequence[float]) -> None:
         self.env, self.gamma = env, gamma
-        self._weights = np.array([weights.get(name, 1.0) for name in env.components])
+        self._weights = np.asarray(weights, dtype=float)
         self._best: float | None = None
         self._got = self._discount = self._promised = 0.0
         self.optimal = self.asked = 0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Sequence
 from itertools import islice
 from typing import Any
 
@@ -124,7 +124,7 @@ def evaluate(
     until: dict[str, float] | None,
     baselines: bool,
     gamma: float = 0.0,
-    weights: Mapping[str, float] | None = None,
+    weights: Sequence[float] = (),
 ) -> dict[str, Any]:
     """The policy and, where asked for, the baselines on the same scenes.
 
@@ -139,7 +139,7 @@ def evaluate(
         until: see :func:`play`.
         baselines: whether the baselines play.
         gamma: discount per decision that the policy was trained with.
-        weights: w_k by component.
+        weights: w_k of the world's components, in their order; read only where choices are held against Q*.
 
     Returns:
         The part of ``evaluation.json`` that playing decides: ``runs``, ``success``, ``confusion`` (of the policy:
@@ -154,7 +154,7 @@ def evaluate(
             table[name] = []
             bar.set_postfix_str(name)
             for seed in seeds:
-                optimum = Optimum(env, gamma, weights or {}) if solved else None
+                optimum = Optimum(env, gamma, weights) if solved else None
                 counted = pairs if name == "policy" else None
                 table[name].append(play(choose, env, seed, choices, until, counted, optimum))
                 bar.update()

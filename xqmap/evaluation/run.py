@@ -10,7 +10,7 @@ from typing import Any
 import torch
 from omegaconf import DictConfig, OmegaConf
 
-from xqmap.config import build
+from xqmap.config import build, schema
 from xqmap.envs.maniskill import ManiSkillEnv
 from xqmap.errors import UserError
 from xqmap.evaluation import calibration, play
@@ -47,14 +47,14 @@ def evaluate_run(
     try:
         until = dict(settings.until) if settings.until else None
         unplayed = settings.baselines and baselines is None
-        gamma, known = run.cfg.loss.gamma, run.cfg.task.weights
-        played = play.evaluate(run.policy, env, list(settings.seeds), settings.choices, until, unplayed, gamma, known)
+        seeds, gamma = list(settings.seeds), run.cfg.loss.gamma
+        weights = schema.weights_in_order(run.cfg.task.weights, env.components)
+        played = play.evaluate(run.policy, env, seeds, settings.choices, until, unplayed, gamma, weights)
         if baselines:
             played["baselines_from"], played["baselines"] = baselines
         if settings.calibration:
-            weights = [run.cfg.task.weights.get(name, 1.0) for name in env.components]
             played["calibration"] = calibration.calibrate(
-                run.policy, env, list(settings.seeds), run.cfg.loss.gamma, weights, run.cfg.method.reward_key
+                run.policy, env, seeds, gamma, weights, run.cfg.method.reward_key
             )
     finally:
         env.close()

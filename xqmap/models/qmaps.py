@@ -144,7 +144,11 @@ class QMaps(TensorDictModuleBase):
 
     def _in_context(self, unet: UNet, features: Tensor, whole: Tensor) -> Tensor:
         assert unet.later is not None
-        return unet.value(features) + self.gamma * unet.later(features, whole)
+        return self.joined(unet.value(features), unet.later(features, whole))
+
+    def joined(self, now: Tensor, later: Tensor | None) -> Tensor:
+        """Q_k of its two parts, now_k + γ · later_k; of one, without a context, that."""
+        return now if later is None else now + self.gamma * later
 
     def geometry(self, heightmap: Tensor) -> Tensor:
         """``[B, 4, H, W]`` → ``[B, C, H, W]``: what the U-Nets see."""

@@ -122,8 +122,7 @@ def has_cone(network: nn.Module) -> TypeGuard[QMaps]:
 
 def values(network: QMaps, heightmap: Tensor, action: Tensor) -> Tensor:
     """``[B, K]``: the Q-Maps of heightmaps ``[B, 4, H, W]`` at the actions ``[B]``, row · W + column."""
-    now, later = parts(network, heightmap, action)
-    return now if later is None else now + network.gamma * later
+    return network.joined(*parts(network, heightmap, action))
 
 
 def parts(network: QMaps, heightmap: Tensor, action: Tensor) -> tuple[Tensor, Tensor | None]:

@@ -144,6 +144,9 @@ class DecomposedDQNLoss(LossModule):
         self.shared_argmax = shared_argmax
         self.kept = kept
         self.has_cone = cone.has_cone(value_network)
+        # γ of Q-Maps in two parts; 0 where there is one.
+        in_parts = cone.has_cone(value_network) and value_network.context is not None
+        self.later_gamma = float(value_network.gamma) if in_parts else 0.0
         self.reduction = reduction
         self.one_hot = inputs.is_one_hot(action_space)
         self.convert_to_functional(value_network, "value_network", create_target_params=delay_value)
@@ -202,8 +205,10 @@ class DecomposedDQNLoss(LossModule):
         if value_type not in estimators:
             raise NotImplementedError(f"{value_type} is not an estimator for Q-values; use TD0, TD1 or TDLambda")
         self.value_type = value_type
-        if self.has_cone and self.value_network.context is not None and hyperparams.get("gamma") != self._gamma():
-            raise ValueError(f"gamma={hyperparams.get('gamma')}, but the network's later part counts {self._gamma()}")
+        if self.later_gamma and hyperparams.get("gamma") != self.later_gamma:
+            raise ValueError(
+                f"gamma={hyperparams.get('gamma')}, but the network's later part counts {self.later_gamma}"
+            )
         settings = dict(default_value_kwargs(value_type)) | hyperparams
         self._value_estimator = estimators[value_type](**settings, value_network=None)
         self._name_keys(self._value_estimator)
@@ -238,7 +243,7 @@ class DecomposedDQNLoss(LossModule):
         k = self.tensor_keys
         action = inputs.actions(tensordict, k.action, self.one_hot)
         now, later = self._parts(tensordict, action, self.value_network_params)
-        value = now if later is None else now + self._gamma() * later
+        value = self._joined(now, later)
         with torch.no_grad():
             target = self._targets(tensordict).to(value)
         error = (target - value.detach()).abs()
@@ -247,7 +252,7 @@ class DecomposedDQNLoss(LossModule):
         else:
             reward = inputs.rewards(tensordict["next"], k.reward, self.components).to(value)
             loss = distance_loss(now, reward, self.loss_function)
-            loss = loss + distance_loss(later, (target - reward) / self._gamma(), self.loss_function)
+            loss = loss + distance_loss(later, (target - reward) / self.later_gamma, self.loss_function)
         if tensordict.get(k.priority_weight, None) is not None:
             loss = loss * inputs.numbers(tensordict, k.priority_weight).to(loss)[..., None]
         tensordict.set(k.priority, error.sum(-1))
@@ -272,14 +277,12 @@ class DecomposedDQNLoss(LossModule):
             raise ValueError(f"the network wrote {key} {list(found[key].shape)}, must be {[*wanted, 'A']}: {names}")
         return found
 
-    def _gamma(self) -> float:
-        """Of a network in two parts."""
-        return float(self.value_network.gamma)  # type: ignore[arg-type]
+    def _joined(self, now: Tensor, later: Tensor | None) -> Tensor:
+        return now if later is None else now + self.later_gamma * later
 
     def _values(self, tensordict: TensorDictBase, action: Tensor, params: TensorDictParams) -> Tensor:
         """``[*, K]``: Q_k at the actions ``[*]`` (or one-hot ``[*, A]``) in the states ``[*]``."""
-        now, later = self._parts(tensordict, action, params)
-        return now if later is None else now + self._gamma() * later
+        return self._joined(*self._parts(tensordict, action, params))
 
     def _parts(
         self, tensordict: TensorDictBase, action: Tensor, params: TensorDictParams
@@ -316,7 +319,7 @@ class DecomposedDQNLoss(LossModule):
         batch.set(("next", k.done), done[..., None].expand_as(reward))
         batch.set(("next", k.terminated), terminated[..., None].expand_as(reward))
         if tensordict.get(k.steps_to_next_obs, None) is not None:
-            if self.has_cone and self.value_network.context is not None:
+            if self.later_gamma:
                 raise ValueError(f"{k.steps_to_next_obs}: of several steps nobody learns what one decision pays")
             steps = inputs.numbers(tensordict, k.steps_to_next_obs)
             batch.set(k.steps_to_next_obs, steps[..., None].expand_as(reward))
