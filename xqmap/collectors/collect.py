@@ -48,7 +48,8 @@ def collector(cfg: DictConfig, env: ManiSkillEnv, policy: TensorDictModuleBase, 
     pass_over_the_gone()
     apart = SCENES_PER_TRAINING // settings.workers
     first = [i * apart + made for i in range(settings.workers)]
-    makes = [build.make_env(cfg, training_scenes(cfg.seed) + scene) for scene in first]
+    practice = build.practice(cfg)
+    makes = [build.make_env(practice, training_scenes(cfg.seed) + scene) for scene in first]
     policies = [partial(worker.policy, cfg, env.grid.pixel_size, scene) for scene in first]
     # Whole episodes, so that what is logged and learned never mixes two workers' decisions.
     whole = {"trajs_per_batch": settings.episodes_per_batch, "traj_format": "cat"}

@@ -72,6 +72,11 @@ def perception(settings: DictConfig) -> Perception:
     return _installed(settings, "perception", plugins.perceptions())
 
 
+def practice(cfg: DictConfig) -> DictConfig:
+    """The same settings with training's scenes: ``task.practice`` in the place of what ``task.env`` says."""
+    return OmegaConf.merge(cfg, {"task": {"env": cfg.task.practice}})  # type: ignore[return-value]
+
+
 def make_env(cfg: DictConfig, first_scene: int) -> Callable[[], ManiSkillEnv]:
     """A function that builds the environment where it is called: in this process or in a worker.
 

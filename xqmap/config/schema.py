@@ -34,6 +34,8 @@ class Task:
     components: list[str] = MISSING
     weights: dict[str, float] = MISSING
     env: Any = MISSING
+    # A world may do without.
+    practice: dict[str, Any] = field(default_factory=dict)
 
 
 @dataclass
@@ -241,6 +243,8 @@ def validate(cfg: DictConfig, playing: bool = False) -> None:
     for name in ("task.name", "method.name"):
         if not plugins.is_name(str(OmegaConf.select(cfg, name))):
             raise UserError(f"{name}={OmegaConf.select(cfg, name)!r} is no name: letters, digits, _, - and . make one")
+    if unknown := set(cfg.task.practice) - (set(cfg.task.env) - {"_target_"}):
+        raise UserError(f"task.practice names {sorted(unknown)}, which task.env does not set")
     unknown = set(cfg.task.weights) - set(cfg.task.components)
     if unknown:
         raise UserError(f"task.weights names {sorted(unknown)}; the task's components are {list(cfg.task.components)}")
@@ -303,7 +307,7 @@ def _check(schema: type, cfg: DictConfig, prefix: str, spared: tuple[str, ...] =
         value = cfg[item.name]
         if isinstance(item.default_factory, type) and dataclasses.is_dataclass(item.default_factory):
             _check(item.default_factory, value, name + ".", spared)
-        elif OmegaConf.is_config(value) and name not in ("task", "task.env"):
+        elif OmegaConf.is_config(value) and name not in ("task", "task.env", "task.practice"):
             parts = value.values() if isinstance(value, DictConfig) else value
             if any(part is None or OmegaConf.is_config(part) for part in parts):
                 raise UserError(f"{name}={value} must hold single values")

@@ -82,7 +82,7 @@ class Trainer:
         self.noise: dict[str, float] = {}
 
         first_scene = saved[1]["scene"] if saved else training_scenes(cfg.seed)
-        self.env = build.make_env(cfg, first_scene)()
+        self.env = build.make_env(build.practice(cfg), first_scene)()
         self.network = build.qmaps(cfg, self.env.grid.pixel_size)
         self.kept = Kept(cfg.trainer.choice_period)
         self.loss = build.loss(cfg, self.network, self.kept)
