@@ -65,6 +65,8 @@ def place(cfg: DictConfig) -> Path:
 def decisions_of(cfg: DictConfig) -> list[Decision]:
     """What ``run=`` and ``scene_seed=``, or ``decision=``, name."""
     if cfg.decision is not None:
+        if cfg.rollouts:
+            raise UserError("rollouts needs a run and its world: give run=DIR scene_seed=N instead of decision=")
         return [Decision.load(cfg.decision)]
     # Torch and the rest take seconds, which a decision from a file need not wait for.
     from xqmap.runs.decide import decide
@@ -73,7 +75,15 @@ def decisions_of(cfg: DictConfig) -> list[Decision]:
     steps = cli.decisions(cfg)
     if cfg.candidates not in ("pixel", "object"):
         raise UserError(f"candidates={cfg.candidates} is neither pixel nor object")
-    return decide(load_run(cfg.run), cfg.scene_seed, steps, cfg.perception, cfg.candidates)
+    if not isinstance(cfg.rollouts, int) or not 0 <= cfg.rollouts <= 100:
+        raise UserError(f"rollouts={cfg.rollouts} must be a whole number from 0 to 100")
+    run = load_run(cfg.run)
+    decisions = decide(run, cfg.scene_seed, steps, cfg.perception, cfg.candidates)
+    if cfg.rollouts:
+        from xqmap.runs import futures
+
+        futures.play(run, decisions, cfg.rollouts)
+    return decisions
 
 
 def write(decision: Decision, folder: Path) -> list[Path]:

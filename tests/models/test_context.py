@@ -61,7 +61,7 @@ def test_now_and_later_are_the_value(symmetric: bool) -> None:
     now, later = cone.parts(network, image, action)
     assert later is not None
     with torch.no_grad():
-        maps, paid = network.maps(image).flatten(2), network.now(image).flatten(2)
+        maps, paid = (part.flatten(2) for part in network.parts(image))
     rows = torch.arange(3)
     assert torch.allclose(maps[rows, :, action], now + GAMMA * later, atol=1e-5)
     assert torch.allclose(paid[rows, :, action], now, atol=1e-5)

@@ -20,6 +20,8 @@ class Candidate:
         pixel: row and column in the heightmap.
         position: x, y, z in world metres.
         object_index: which object of the scene it lies on; None for the background or where unknown.
+        now: of ``values``, what the action itself pays, w_k now_k; None where it cannot be told apart from what
+            follows.
     """
 
     label: str
@@ -28,6 +30,12 @@ class Candidate:
     pixel: tuple[int, int] | None = None
     position: tuple[float, float, float] | None = None
     object_index: int | None = None
+    now: dict[str, float] | None = None
+
+    @property
+    def later(self) -> dict[str, float] | None:
+        """Of ``values``, what is expected to follow the action, discounted, γ w_k later_k; None as :attr:`now`."""
+        return None if self.now is None else {name: value - self.now[name] for name, value in self.values.items()}
 
     @property
     def overall(self) -> float:

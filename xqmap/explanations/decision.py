@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 # Cells around an object that speak for it as much as for the background, whose best cell is looked for farther away.
 _EDGE = 2
+# What follows and is worth less than this does not show in two decimals.
+_FORESEEN = 0.005
 
 
 @dataclass
@@ -41,6 +43,9 @@ class Decision:
         heightmap: ``[4, H, W]``: 0–255 and metres; None where only the numbers are known.
         maps: ``[K, H, W]``: the weighted Q-Maps, NaN where an action cannot be chosen; None likewise.
         scene: what lies on each cell; None likewise.
+        played: what really came of candidates, by label: of each copy of the world the discounted sub-rewards w_k r_k
+            from this decision to the episode's end, by component.
+        now: ``[K, H, W]``: of the maps, what a decision there itself pays; None where it cannot be told apart.
 
     Examples:
         >>> from xqmap.explanations import Candidate, Decision
@@ -73,6 +78,8 @@ class Decision:
     heightmap: np.ndarray | None = None
     maps: np.ndarray | None = None
     scene: Scene | None = None
+    now: np.ndarray | None = None
+    played: dict[str, list[dict[str, float]]] = field(default_factory=dict)
 
     @classmethod
     def from_policy(
@@ -113,17 +120,19 @@ class Decision:
         with torch.no_grad():
             out = policy(state.select(keys.HEIGHTMAP, keys.ACTION_MASK, strict=False).clone())
         heightmap = state[keys.HEIGHTMAP].cpu().numpy()
-        maps = (out[keys.COMPONENT_ACTION_VALUE] * policy.qmaps.weights[:, None]).cpu().double().numpy()
+        weights = policy.qmaps.weights[:, None]
+        maps = (out[keys.COMPONENT_ACTION_VALUE] * weights).cpu().double().numpy()
+        paid = out.get(keys.COMPONENT_NOW_VALUE, None)
         mask = state.get(keys.ACTION_MASK, None)
         allowed = np.ones(maps.shape[-1], dtype=bool) if mask is None or not bool(mask.any()) else mask.cpu().numpy()
         if not np.isfinite(maps).all():
             raise UserError(
                 "the Q-Maps hold NaN or infinite values: the training diverged, lower trainer.learning_rate"
             )
-        limited = np.where(allowed, maps, np.nan).reshape(len(names), *heightmap.shape[-2:])
-        decision = cls(
-            task, names, [], scene_seed, step, noise=noise or {}, heightmap=heightmap, maps=limited, scene=scene
-        )
+        shape = len(names), *heightmap.shape[-2:]
+        limited = np.where(allowed, maps, np.nan).reshape(shape)
+        now = None if paid is None else (paid * weights).cpu().double().numpy().reshape(shape)
+        decision = cls(task, names, [], scene_seed, step, [], noise or {}, heightmap, limited, scene, now)
         decision.objects = decision._pool(scene)
         selected = divmod(int(out[keys.ACTION]), heightmap.shape[-1])
         if level == "pixel":
@@ -139,10 +148,20 @@ class Decision:
     def at(self, pixel: tuple[int, int], called: str) -> Candidate:
         """The action on a pixel of the maps, under the label ``called``."""
         assert self.maps is not None and self.scene is not None
-        values = dict(zip(self.components, self.maps[:, pixel[0], pixel[1]].tolist(), strict=True))
+        row, column = pixel
+        values = dict(zip(self.components, self.maps[:, row, column].tolist(), strict=True))
+        now = None
+        if self.now is not None:
+            now = dict(zip(self.components, self.now[:, row, column].tolist(), strict=True))
         return Candidate(
-            called, self.scene.name(pixel), values, pixel, self.scene.position(pixel), self.scene.index(pixel)
+            called, self.scene.name(pixel), values, pixel, self.scene.position(pixel), self.scene.index(pixel), now
         )
+
+    @property
+    def foresees(self) -> bool:
+        """Whether something is expected to follow one of the candidates."""
+        later = [candidate.later for candidate in self.candidates]
+        return any(abs(value) >= _FORESEEN for parts in later if parts for value in parts.values())
 
     def _pool(self, scene: Scene) -> list[Candidate]:
         from scipy import ndimage  # a third of a second: as torch, see above
@@ -190,6 +209,11 @@ class Decision:
     def rdx(self, first: str, second: str) -> dict[str, float]:
         """Δ_k between two candidates, by component."""
         return contrast.rdx(self[first].values, self[second].values)
+
+    def sooner(self, first: str, second: str) -> dict[str, float] | None:
+        """Of Δ_k, what is paid now; None where it cannot be told apart from what follows."""
+        ours, theirs = self[first].now, self[second].now
+        return None if ours is None or theirs is None else contrast.rdx(ours, theirs)
 
     def same(self, first: str, second: str) -> bool:
         """Whether two candidates lie on the same object (or, on the background or where objects are unknown, the same

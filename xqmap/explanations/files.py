@@ -47,6 +47,7 @@ def content(decision: Decision, wording: Any = None) -> dict[str, Any]:
         "rdx": [{"pair": [a, b], "values": decision.rdx(a, b)} for a, b in decision.pairs],
         "msx": msx,
         "noise": decision.noise,
+        "played": [{"label": label, "returns": returns} for label, returns in decision.played.items()],
         "sentences": decision.sentences(wording),
     }
     if decision.scene is not None:
@@ -65,8 +66,10 @@ def save(decision: Decision, path: Path, wording: Any = None) -> list[Path]:
     if decision.maps is None or decision.scene is None or decision.heightmap is None:
         return [path]
     beside, buffer = path.with_suffix(".npz"), io.BytesIO()
+    parts: dict[str, Any] = {} if decision.now is None else {"now": decision.now.astype(np.float32)}
     np.savez_compressed(
         buffer,
+        **parts,
         maps=decision.maps.astype(np.float32),
         color=decision.heightmap[:3].astype(np.uint8),
         height=decision.heightmap[3].astype(np.float32),
@@ -101,6 +104,7 @@ def _maps(fields: dict[str, Any], scene: Any, beside: Path) -> dict[str, Any]:
                 raise UserError(f"{beside}: larger than {_LARGEST_MAPS // 1_000_000} MB, which no maps are")
         with np.load(packed_bytes, allow_pickle=False) as arrays:
             maps, color, height, cells = (arrays[name] for name in ("maps", "color", "height", "cells"))
+            now = arrays.get("now")
         names = [str(name)[:200] for name in scene["names"]]
         bounds = np.array(scene["bounds"], dtype=float)
         rows, columns = cells.shape
@@ -109,6 +113,7 @@ def _maps(fields: dict[str, Any], scene: Any, beside: Path) -> dict[str, Any]:
             and color.shape == (3, rows, columns)
             and height.shape == cells.shape
         )
+        fits = fits and (now is None or (now.shape == maps.shape and bool(np.isfinite(now).all())))
         fits = fits and bounds.shape == (3, 2) and bool(np.isfinite(bounds).all() and np.isfinite(height).all())
         fits = fits and int(cells.min()) >= -1 and int(cells.max()) < len(names) and not np.isinf(maps).any()
         for candidate in fields["candidates"]:
@@ -124,11 +129,13 @@ def _maps(fields: dict[str, Any], scene: Any, beside: Path) -> dict[str, Any]:
         )
     heightmap = np.concatenate((color.astype(np.float32), height[None].astype(np.float32)))
     lying = Scene(names, cells.astype(int), str(scene["background"])[:200], bounds.tolist(), heightmap[3])
-    return {"maps": maps.astype(float), "heightmap": heightmap, "scene": lying}
+    paid = None if now is None else now.astype(float)
+    return {"maps": maps.astype(float), "heightmap": heightmap, "scene": lying, "now": paid}
 
 
 def _plain(candidate: Candidate) -> dict[str, Any]:
     result: dict[str, Any] = {"object": candidate.object}
     result |= {"pixel": list(candidate.pixel)} if candidate.pixel is not None else {}
     result |= {"position": list(candidate.position)} if candidate.position is not None else {}
-    return result | {"values": candidate.values, "overall": candidate.overall, "object_index": candidate.object_index}
+    result |= {"values": candidate.values, "overall": candidate.overall, "object_index": candidate.object_index}
+    return result if candidate.now is None else result | {"now": candidate.now, "later": candidate.later}

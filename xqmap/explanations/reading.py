@@ -38,10 +38,18 @@ class _Object(BaseModel):
     pixel: Annotated[list[_Row], Field(min_length=2, max_length=2)] | None = None
     position: Annotated[list[_Number], Field(min_length=3, max_length=3)] | None = None
     object_index: _Whole | None = None
+    now: _Values | None = None
 
 
 class _Candidate(_Object):
     label: _Text
+
+
+class _Played(BaseModel):
+    model_config = ConfigDict(strict=True)
+
+    label: _Text
+    returns: Annotated[list[_Values], Field(min_length=1, max_length=100)]
 
 
 class _File(BaseModel):
@@ -54,6 +62,7 @@ class _File(BaseModel):
     scene_seed: _Whole | None = None
     step: _Whole | None = None
     noise: _Values | None = None
+    played: Annotated[list[_Played], Field(max_length=33)] | None = None
 
 
 def parse(content: Any, source: str) -> dict[str, Any]:
@@ -79,12 +88,15 @@ def parse(content: Any, source: str) -> dict[str, Any]:
         refuse("components", "names one twice")
 
     def candidate(entry: _Object, label: str, place: str) -> Candidate:
-        for name in components:
-            if name not in entry.values:
-                refuse(f"{place}.values", f"lacks the component {name!r}")
-        for name in entry.values:
-            if name not in components:
-                refuse(f"{place}.values", f"has {one_line(name)!r}, which is not among the components")
+        for part, named in (("values", entry.values), ("now", entry.now)):
+            if named is None:
+                continue
+            for name in components:
+                if name not in named:
+                    refuse(f"{place}.{part}", f"lacks the component {name!r}")
+            for name in named:
+                if name not in components:
+                    refuse(f"{place}.{part}", f"has {one_line(name)!r}, which is not among the components")
         row, column = entry.pixel or (0, 0)
         x, y, z = entry.position or (0.0, 0.0, 0.0)
         return Candidate(
@@ -94,6 +106,7 @@ def parse(content: Any, source: str) -> dict[str, Any]:
             (int(row), int(column)) if entry.pixel else None,
             (x, y, z) if entry.position else None,
             entry.object_index,
+            None if entry.now is None else {name: entry.now[name] for name in components},
         )
 
     candidates: list[Candidate] = []
@@ -105,6 +118,11 @@ def parse(content: Any, source: str) -> dict[str, Any]:
         refuse("candidates", f"has none with the label {SELECTED!r}")
     candidates.sort(key=lambda candidate: candidate.label != SELECTED)
     objects = [candidate(entry, entry.object, f"objects[{i}]") for i, entry in enumerate(file.objects or [])]
+    for i, future in enumerate(file.played or []):
+        if future.label not in {known.label for known in candidates}:
+            refuse(f"played[{i}].label", f"names {future.label!r}, which is no candidate")
+        if any(set(returns) != set(components) for returns in future.returns):
+            refuse(f"played[{i}].returns", f"must name the components: {', '.join(components)}")
     noise = file.noise or {}
     return {
         "task": file.task,
@@ -113,6 +131,7 @@ def parse(content: Any, source: str) -> dict[str, Any]:
         "scene_seed": file.scene_seed,
         "objects": sorted(objects, key=lambda thing: -thing.overall),
         "step": file.step or 0,
+        "played": {future.label: future.returns for future in file.played or []},
         "noise": {name: abs(noise[name]) for name in components if name in noise},
     }
 

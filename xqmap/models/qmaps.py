@@ -47,7 +47,8 @@ class QMaps(TensorDictModuleBase):
     section III).
 
     Reads ``heightmap`` ``[*, 4, H, W]`` and, where it is there, ``action`` ``[*]``. Writes ``component_action_value``
-    ``[*, K, A]``, ``action_value`` ``[*, A]`` = Σ_k w_k Q_k, and for a given action ``chosen_component_value``
+    ``[*, K, A]``, ``action_value`` ``[*, A]`` = Σ_k w_k Q_k, in evaluation mode ``component_now_value`` ``[*, K, A]``
+    (see :meth:`parts`), and for a given action ``chosen_component_value``
     ``[*, K]`` and ``chosen_action_value`` ``[*, 1]``.
 
     Args:
@@ -102,49 +103,64 @@ class QMaps(TensorDictModuleBase):
         """``[B, 4, H, W]`` → the Q-Maps ``[B, K, H, W]``; sizes that the poolings do not divide are padded with empty
         cells.
         """
-        if self.training or not self.symmetric:
-            return self._padded(heightmap)
-        return self._from_all_sides(self._padded, heightmap)
+        return self._seen(heightmap, self._maps)
 
-    def now(self, heightmap: Tensor) -> Tensor:
-        """``[B, 4, H, W]`` → the part of the Q-Maps ``[B, K, H, W]`` that a decision there pays itself; all of it where
-        there is no context.
+    def parts(self, heightmap: Tensor) -> tuple[Tensor, Tensor | None]:
+        """``[B, 4, H, W]`` → the Q-Maps ``[B, K, H, W]`` and of these the part that a decision there pays itself: all
+        of it where nothing follows (γ = 0), and None where it cannot be told apart (without a context).
         """
         if self.context is None:
-            return self.maps(heightmap)
+            maps = self.maps(heightmap)
+            return maps, maps if self.gamma == 0 else None
+        maps, now = self._seen(heightmap, self._maps_and_now).chunk(2, 1)
+        return maps, now
 
-        def paid(image: Tensor) -> Tensor:
-            rows, columns = image.shape[-2:]
-            seen = self.geometry(pad_to_grid(image, self.stride))
-            return torch.cat([unet(seen) for unet in self._unets()], dim=1)[..., :rows, :columns]
+    def from_side(self, heightmap: Tensor, side: int) -> Tensor:
+        """``[B, 4, H, W]`` → the Q-Maps ``[B, K, H, W]`` as they are seen from one of the map's sides, an element of
+        D4.
+        """
+        return restore(self._padded(transform(heightmap, side).contiguous(), self._maps), side)
+
+    def _seen(self, heightmap: Tensor, see: Callable[[Tensor], Tensor]) -> Tensor:
+        def padded(image: Tensor) -> Tensor:
+            return self._padded(image, see)
 
         if self.training or not self.symmetric:
-            return paid(heightmap)
-        return self._from_all_sides(paid, heightmap)
+            return padded(heightmap)
+        return self._from_all_sides(padded, heightmap)
 
     def _from_all_sides(self, see: Callable[[Tensor], Tensor], heightmap: Tensor) -> Tensor:
         sides = range(elements(*heightmap.shape[-2:]))
         return torch.stack([restore(see(transform(heightmap, side).contiguous()), side) for side in sides]).mean(0)
 
-    def _padded(self, heightmap: Tensor) -> Tensor:
+    def _padded(self, heightmap: Tensor, see: Callable[[Tensor], Tensor]) -> Tensor:
         rows, columns = heightmap.shape[-2:]
         heightmap = pad_to_grid(heightmap, self.stride)
         # Without gradients nothing has to be kept, so a processor goes map after map: the layers of one stay in its
         # cache.
         alone = heightmap.device.type == "cpu" and not torch.is_grad_enabled()
         parts = heightmap.split(max(1, _CELLS_IN_CACHE // heightmap[0, 0].numel())) if alone else (heightmap,)
-        return torch.cat([self._maps(part) for part in parts])[..., :rows, :columns]
+        return torch.cat([see(part) for part in parts])[..., :rows, :columns]
 
     def _maps(self, heightmap: Tensor) -> Tensor:
         image = self.geometry(heightmap)
         if self.context is None:
             return torch.cat([unet(image) for unet in self.unets], dim=1)
-        whole = self.context(heightmap)
-        return torch.cat([self._in_context(unet, unet.features(image), whole) for unet in self._unets()], dim=1)
+        return self._in_context(image, heightmap)[0]
 
-    def _in_context(self, unet: UNet, features: Tensor, whole: Tensor) -> Tensor:
-        assert unet.later is not None
-        return self.joined(unet.value(features), unet.later(features, whole))
+    def _maps_and_now(self, heightmap: Tensor) -> Tensor:
+        return torch.cat(self._in_context(self.geometry(heightmap), heightmap), 1)
+
+    def _in_context(self, image: Tensor, heightmap: Tensor) -> tuple[Tensor, Tensor]:
+        """``[B, K, H, W]`` twice: the Q-Maps, and what is paid now."""
+        assert self.context is not None
+        whole, maps, paid = self.context(heightmap), [], []
+        for unet in self._unets():
+            assert unet.later is not None
+            features = unet.features(image)
+            paid.append(unet.value(features))
+            maps.append(self.joined(paid[-1], unet.later(features, whole)))
+        return torch.cat(maps, 1), torch.cat(paid, 1)
 
     def joined(self, now: Tensor, later: Tensor | None) -> Tensor:
         """Q_k of its two parts, now_k + γ · later_k; of one, without a context, that."""
@@ -164,7 +180,11 @@ class QMaps(TensorDictModuleBase):
         """Writes the maps, their sum, and the values at ``action`` where there is one."""
         image = tensordict.get(keys.HEIGHTMAP)
         lead = image.shape[:-3]
-        maps = self.maps(image.reshape(-1, *image.shape[-3:]))
+        flat = image.reshape(-1, *image.shape[-3:])
+        # Only who explains asks what is paid now, and never while learning.
+        maps, now = (self.maps(flat), None) if self.training else self.parts(flat)
+        if now is not None:
+            tensordict.set(keys.COMPONENT_NOW_VALUE, now.reshape(*lead, len(self.components), -1))
         values = maps.reshape(*lead, len(self.components), -1)
         total = (values * self.weights[:, None]).sum(-2)
         tensordict.set(keys.COMPONENT_ACTION_VALUE, values)

@@ -10,24 +10,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch
 
-from xqmap.explanations.candidate import SELECTED
 from xqmap.explanations.decision import Decision
+from xqmap.explanations.views import charts
 from xqmap.explanations.views.marks import mark
-from xqmap.explanations.views.sentences import number, signed
+from xqmap.explanations.views.sentences import after
 from xqmap.explanations.views.style import PALETTE, drawing, rendered
 from xqmap.files import write_atomically
-
-# Behind a number that a line may cross.
-_CLEAR = {"fc": "white", "ec": "none", "pad": 0.4}
-
-
-def color_of(decision: Decision, component: str) -> str:
-    """The colour of a component, the same in every chart."""
-    return PALETTE[decision.components.index(component) % len(PALETTE)]
 
 
 def qmaps(decision: Decision) -> Figure:
@@ -46,8 +36,8 @@ def values(decision: Decision) -> Figure:
         width = max(3.6, len(decision.candidates) * (0.7 + 0.2 * len(decision.components)))
         figure = Figure(figsize=(1.8 + width, 3.4), layout="constrained")
         axis = figure.subplots()
-        _draw_values(decision, axis)
-        _legend(decision, axis)
+        charts.draw_values(decision, axis)
+        charts.legend(decision, axis)
         return figure
 
 
@@ -56,18 +46,18 @@ def rdx(decision: Decision) -> Figure:
     each).
     """
     with drawing():
-        pairs = decision.pairs if len(decision.components) <= 8 else _own_pairs(decision)
+        pairs = decision.pairs if len(decision.components) <= 8 else charts.own_pairs(decision)
         each = max(4, 40 // len(decision.components))
         rows = [pairs[i : i + each] for i in range(0, len(pairs), each)] or [[]]
         width = max(3.6, len(rows[0]) * (0.7 + 0.2 * len(decision.components)))
         figure = Figure(figsize=(1.8 + width, 3.4 + 2.2 * (len(rows) - 1)), layout="constrained")
         axes = figure.subplots(len(rows), 1, sharey=True, squeeze=False)
         for axis, row in zip(axes[:, 0], rows, strict=True):
-            _draw_rdx(decision, axis, row)
+            charts.draw_rdx(decision, axis, row)
             axis.set_xlim(-0.6, len(rows[0]) - 0.4)
         for axis in axes[1:, 0]:
             axis.set_title("")
-        _legend(decision, axes[0, 0])
+        charts.legend(decision, axes[0, 0])
         return figure
 
 
@@ -84,8 +74,8 @@ def bars(decision: Decision) -> Figure:
         ['Values of each candidate', 'Differences (RDX): above zero speaks for the first']
     """
     with drawing():
-        figure = Figure(figsize=_bars_size(decision), layout="constrained")
-        _draw_bars(decision, figure)
+        figure = Figure(figsize=charts.size(decision), layout="constrained")
+        charts.draw(decision, figure)
         return figure
 
 
@@ -95,10 +85,10 @@ def overview(decision: Decision, dialogue: list[tuple[str, str]] | None = None) 
     """
     with drawing():
         panels, map_rows = _panels(decision)
-        bars_width, bars_height = _bars_size(decision)
+        bars_width, bars_height = charts.size(decision)
         width = max(11.0 if len(decision.components) > 1 else 8.0, _panel_width(decision) * panels, bars_width)
         said = decision.sentences()
-        texts = [[said["shallow"], *said["contrastive"]], [line for q, a in dialogue or [] for line in (f"— {q}", a)]]
+        texts = [[said["shallow"], *after(said)[:-1]], [line for q, a in dialogue or [] for line in (f"— {q}", a)]]
         # About 15 characters of the text's size fit an inch.
         wrapped = [[textwrap.fill(line, int(15 * width)) for line in lines] for lines in texts if lines]
         parts = [("Part 1 · Q-Maps", _panel_height(decision) * map_rows)] if decision.maps is not None else []
@@ -115,7 +105,7 @@ def overview(decision: Decision, dialogue: list[tuple[str, str]] | None = None) 
             part.suptitle(title, x=0.005, ha="left", fontsize=10, color="0.35")
         if decision.maps is not None:
             _draw_maps(decision, drawn.pop(0))
-        _draw_bars(decision, drawn.pop(0))
+        charts.draw(decision, drawn.pop(0))
         for part, lines in zip(drawn, wrapped, strict=True):
             part.text(
                 0.005,
@@ -140,7 +130,7 @@ def over_time(decisions: Sequence[Decision]) -> Figure:
                 steps,
                 [d.selected.values[name] for d in decisions],
                 f"{marker}-",
-                color=color_of(first, name),
+                color=charts.color_of(first, name),
                 label=name,
             )
         if len(first.components) > 1:
@@ -216,83 +206,3 @@ def _draw_maps(decision: Decision, figure: Any) -> None:
         if i <= len(panels):
             # Points of the page to a cell, about.
             mark(decision, axis, 72 * (_panel_height(decision) - 0.6) / decision.heightmap.shape[-2])
-
-
-def _stacked(decision: Decision) -> bool:
-    return len(decision.components) > 3
-
-
-def _own_pairs(decision: Decision) -> list[tuple[str, str]]:
-    return [(SELECTED, candidate.label) for candidate in decision.alternatives]
-
-
-def _bars_size(decision: Decision) -> tuple[float, float]:
-    each = 0.7 + 0.2 * len(decision.components)
-    if _stacked(decision):
-        return 1.8 + len(decision.candidates) * each, 6.4
-    return max(8.0, 2.6 + each * (len(decision.candidates) + len(decision.pairs))), 3.4
-
-
-def _draw_bars(decision: Decision, figure: Any) -> None:
-    """Values and differences side by side; with many components one above the other, and the differences to the choice
-    only.
-    """
-    if _stacked(decision):
-        axes = figure.subplots(2, 1)
-    else:
-        axes = figure.subplots(1, 2, width_ratios=(len(decision.candidates), max(1, len(decision.pairs))))
-    _draw_values(decision, axes[0])
-    _draw_rdx(decision, axes[1], _own_pairs(decision) if _stacked(decision) else decision.pairs)
-    _legend(decision, axes[0] if _stacked(decision) else axes[1])
-
-
-def _draw_values(decision: Decision, axis: Axes) -> None:
-    groups = [candidate.values for candidate in decision.candidates]
-    _grouped(decision, axis, groups, number)
-    for i, candidate in enumerate(decision.candidates if len(decision.components) > 1 else []):
-        axis.plot([i - 0.42, i + 0.42], [candidate.overall] * 2, color="0.25", lw=1.4)
-        # Above the tallest bar of the group and its number.
-        top = max(candidate.overall, *candidate.values.values(), 0.0)
-        text = f"Σ {number(candidate.overall)}"
-        axis.annotate(
-            text, (i, top), xytext=(0, 11), textcoords="offset points", ha="center", fontsize=8, fontweight="bold"
-        )
-    axis.set_xticks(
-        range(len(groups)),
-        ["\n".join([c.label, *textwrap.wrap(c.object, 14)]) for c in decision.candidates],
-        fontsize=8,
-    )
-    axis.set_ylabel("value")
-    axis.set_title("Values of each candidate")
-    axis.margins(y=0.2)
-
-
-def _draw_rdx(decision: Decision, axis: Axes, pairs: list[tuple[str, str]]) -> None:
-    _grouped(decision, axis, [decision.rdx(*pair) for pair in pairs], signed)
-    axis.set_xticks(range(len(pairs)), [f"{a} − {b}" for a, b in pairs], fontsize=8)
-    axis.set_ylabel("difference")
-    axis.set_title("Differences (RDX): above zero speaks for the first")
-    axis.margins(y=0.15)
-    # Differences that are nothing beside the values look like it.
-    reach = max(abs(value) for candidate in decision.candidates for value in candidate.values.values()) / 4 or 1.0
-    low, high = axis.get_ylim()
-    axis.set_ylim(min(low, -reach), max(high, reach))
-
-
-def _legend(decision: Decision, axis: Axes) -> None:
-    handles = [Patch(color=color_of(decision, name), label=name) for name in decision.components]
-    axis.legend(handles=handles, loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=9)
-
-
-def _grouped(decision: Decision, axis: Axes, groups: list[dict[str, float]], form: Any) -> None:
-    count = len(decision.components)
-    width = 0.8 / count
-    for k, name in enumerate(decision.components):
-        places = [i + (k - (count - 1) / 2) * width for i in range(len(groups))]
-        heights = [group[name] for group in groups]
-        drawn = axis.bar(places, heights, width * 0.94, color=color_of(decision, name))
-        if count <= 4:
-            axis.bar_label(
-                drawn, [form(height) for height in heights], fontsize=7, padding=1.5, color="0.3", bbox=_CLEAR
-            )
-    axis.axhline(0, color="0.3", lw=0.8)

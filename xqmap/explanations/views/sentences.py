@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from omegaconf import DictConfig, OmegaConf
@@ -13,26 +13,11 @@ from omegaconf import DictConfig, OmegaConf
 from xqmap.config import plugins
 from xqmap.explanations import contrast
 from xqmap.explanations.candidate import SELECTED, Candidate, together
+from xqmap.explanations.views import future
+from xqmap.explanations.views.words import counted, listed, number, phrase, sentence, signed, the
 
 if TYPE_CHECKING:
     from xqmap.explanations.decision import Decision
-
-
-def number(value: float) -> str:
-    """Two decimals, and no minus before zero."""
-    text = f"{value:.2f}"
-    return text.lstrip("-") if float(text) == 0 else text
-
-
-def signed(value: float) -> str:
-    """Two decimals with their sign."""
-    text = number(value)
-    return text if text.startswith("-") or float(text) == 0 else f"+{text}"
-
-
-def listed(words: Sequence[str]) -> str:
-    """Words as a list in a sentence: a; a and b; a, b and c."""
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
 
 
 def wording_for(task: str) -> dict[str, Any]:
@@ -60,9 +45,10 @@ def write(decision: Decision, wording: Mapping[str, Any] | None = None) -> dict[
         wording: templates; those of the decision's task when not given.
 
     Returns:
-        ``{"shallow": str, "contrastive": [str], "robustness": str}``. The contrastive ones go by candidate; candidates
-        on the chosen object share one. The best other object has one where no candidate is elsewhere, and where it is
-        within the values' typical error.
+        ``{"shallow": str, "contrastive": [str], "robustness": str}``, ``"future"`` where something follows, and
+        ``"played"`` (a list) where candidates were carried out. The contrastive ones go by candidate; candidates on the
+        chosen object share one. The best other object has one where no candidate is elsewhere, and where it is within
+        the values' typical error.
     """
     words = dict(wording) if wording is not None else wording_for(decision.task)
     elsewhere = [c for c in decision.alternatives if not decision.same(SELECTED, c.label)]
@@ -79,13 +65,26 @@ def write(decision: Decision, wording: Mapping[str, Any] | None = None) -> dict[
     ]
     elsewhere += close if elsewhere else best
     said += [contrastive(decision, decision.selected, other, words) for other in elsewhere]
-    return {"shallow": shallow(decision, words), "contrastive": said, "robustness": robustness(decision, words)}
+    following = future.expected(decision, decision.selected, words)
+    return {"shallow": shallow(decision, words), "contrastive": said, "robustness": robustness(decision, words)} | (
+        {"future": following} if following else {}
+    )
 
 
 def why(decision: Decision) -> str:
     """The sentences of a decision, one a line."""
     said = decision.sentences()
-    return "\n".join([said["shallow"], *said["contrastive"], said["robustness"]])
+    return "\n".join([said["shallow"], *after(said)])
+
+
+def after(said: Mapping[str, Any]) -> list[str]:
+    """What is said after the first sentence, of :func:`write`."""
+    return [
+        *([said["future"]] if "future" in said else []),
+        *said["contrastive"],
+        *said.get("played", []),
+        said["robustness"],
+    ]
 
 
 def shallow(decision: Decision, words: Mapping[str, Any]) -> str:
@@ -150,8 +149,10 @@ def contrastive(decision: Decision, first: Candidate, second: Candidate, words: 
         speaks_against="speaks" if len(con) == 1 else "speak",
         con_values=listed([signed(delta[n]) for n in con]) if con else "",
     )
-    more = [] if gap < 0 else [*_enough(delta, len(pro), words), turn(delta, names["other"], words)]
-    return " ".join(sentence(part) for part in [text, *more])
+    if gap < 0:
+        return sentence(text)
+    more = [*_enough(delta, len(pro), words), future.when(decision, first, second, words)]
+    return " ".join(sentence(part) for part in [text, *more, turn(delta, names["other"], words)] if part)
 
 
 def _same(first: Candidate, second: Candidate, words: Mapping[str, Any]) -> str:
@@ -202,27 +203,6 @@ def turn(delta: Mapping[str, float], other: str, words: Mapping[str, Any]) -> st
     if found is None:
         return str(words["no_flip"]).format(other=other)
     return str(words["flip"]).format(component=phrase(found[0], words), counted=counted(found[1]), other=other)
-
-
-def counted(weight: float) -> str:
-    """How much a component counts, in words: "did not count", "counted half as much", "counted 1.30 times as much"."""
-    known = {"0.00": "did not count", "0.50": "counted half as much", "2.00": "counted twice as much"}
-    return known.get(number(weight), f"counted {number(weight)} times as much")
-
-
-def phrase(component: str, words: Mapping[str, Any]) -> str:
-    """What a component is called in a sentence."""
-    return str(words["components"].get(component, component))
-
-
-def the(thing: str) -> str:
-    """A thing's name with its article."""
-    return thing if thing.startswith(("the ", "a ", "an ", "another ")) else f"the {thing}"
-
-
-def sentence(text: str) -> str:
-    """With a capital at its beginning."""
-    return text[:1].upper() + text[1:]
 
 
 def _called(candidate: Candidate, name: str = "") -> str:

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from html import escape
 
+from xqmap.explanations.candidate import Candidate
 from xqmap.explanations.decision import Decision
 from xqmap.explanations.views import markup, plots
-from xqmap.explanations.views.sentences import number, signed
+from xqmap.explanations.views.sentences import after
 from xqmap.explanations.views.style import rendered
+from xqmap.explanations.views.words import number, signed
 
 # Pixels; a row of panels is sharp on a wide screen.
 _WIDTH = 2000
@@ -22,8 +24,9 @@ def told(decision: Decision, level: int) -> str:
         level: of its headings.
     """
     said = decision.sentences()
+    parts = decision.foresees
     lines = [
-        [c.label, c.object, *(number(c.values[n]) for n in decision.components), number(c.overall)]
+        [c.label, c.object, *(_value(c, n, parts) for n in decision.components), number(c.overall)]
         for c in decision.candidates
     ]
     deltas = {f"{a} − {b}": decision.rdx(a, b) for a, b in decision.pairs}
@@ -31,18 +34,22 @@ def told(decision: Decision, level: int) -> str:
         [pair, *(signed(delta[n]) for n in decision.components), signed(sum(delta.values()))]
         for pair, delta in deltas.items()
     ]
-    parts = [
+    body = [
         f"<blockquote>{escape(said['shallow'])}</blockquote>",
         _maps(decision) if decision.maps is not None else "",
         f"<h{level}>And why not the others?</h{level}>",
-        *(f"<p>{escape(sentence)}</p>" for sentence in (*said["contrastive"], said["robustness"])),
+        *(f"<p>{escape(sentence)}</p>" for sentence in after(said)),
         f"<h{level}>Values and differences</h{level}>",
         markup.figure(
             plots.bars(decision),
-            "Component values of each candidate, and their differences (RDX); the tables hold the same numbers.",
+            "Component values of each candidate, and their differences (RDX); the tables hold the same numbers."
+            + (" Solid: what is paid now. Hatched: what is expected to follow." if parts else ""),
         ),
         markup.table(
-            ("candidate", "object", *decision.components, "sum"), lines, "Values of the candidates", text_columns=2
+            ("candidate", "object", *decision.components, "sum"),
+            lines,
+            f"Values of the candidates{': now + later' if parts else ''}",
+            text_columns=2,
         ),
         markup.table(
             ("pair", *decision.components, "gap"),
@@ -50,7 +57,14 @@ def told(decision: Decision, level: int) -> str:
             "Differences; above zero speaks for the first of the pair",
         ),
     ]
-    return "".join(parts)
+    return "".join(body)
+
+
+def _value(candidate: Candidate, name: str, parts: bool) -> str:
+    if not parts or candidate.now is None or candidate.later is None:
+        return number(candidate.values[name])
+    now, later = candidate.now[name], candidate.later[name]
+    return f"{number(candidate.values[name])} ({number(now)} {signed(later)})"
 
 
 def asked(dialogue: Sequence[tuple[str, str]], level: int) -> str:
