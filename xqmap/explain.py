@@ -100,6 +100,8 @@ def write(decision: Decision, folder: Path) -> list[Path]:
         written += plots.save(plots.qmaps(decision), folder / "qmaps")
     written += plots.save(plots.overview(decision, excerpt(decision)), folder / "overview")
     written += plots.save(plots.values(decision), folder / "values")
+    if decision.horizon and decision.foresees:
+        written += plots.save(plots.when(decision), folder / "when")
     return written + plots.save(plots.rdx(decision), folder / "rdx")
 
 

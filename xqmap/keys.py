@@ -6,7 +6,7 @@
 | ``action`` | [] int64 | row · W + column |
 | ``action_mask`` | [A] bool | cells that were seen and that the primitive can reach |
 | ``component_action_value`` | [K, A] | the Q-Maps |
-| ``component_now_value`` | [K, A] | of these, what the decision itself pays; written where it can be told apart |
+| ``component_part_value`` | [K, P, A] | their parts: what is paid now, then γ times what follows, by horizon |
 | ``action_value`` | [A] | Q = Σ_k w_k Q_k |
 | ``chosen_action_value`` | [1] | Q at the action |
 | ``chosen_component_value`` | [K] | Q_k at the action |
@@ -22,7 +22,7 @@ HEIGHTMAP = "heightmap"
 ACTION = "action"
 ACTION_MASK = "action_mask"
 COMPONENT_ACTION_VALUE = "component_action_value"
-COMPONENT_NOW_VALUE = "component_now_value"
+COMPONENT_PART_VALUE = "component_part_value"
 ACTION_VALUE = "action_value"
 CHOSEN_ACTION_VALUE = "chosen_action_value"
 CHOSEN_COMPONENT_VALUE = "chosen_component_value"

@@ -16,10 +16,12 @@ from xqmap.objectives import DecomposedDQNLoss, cone
 GAMMA = 0.9
 
 
-def split(depth: int = 1, symmetric: bool = False) -> QMaps:
+def split(depth: int = 1, symmetric: bool = False, horizon: int = 0) -> QMaps:
     stem = LocalGeometry(0.25, 1.0, [3, 5], 9, 5.0)
     context = Context(8, 1.0, 0.5)
-    return QMaps(("a", "b"), stem, lambda n: UNet(n, 4, depth, context=8), None, symmetric, context, GAMMA)
+    return QMaps(
+        ("a", "b"), stem, lambda n: UNet(n, 4, depth, context=8, horizon=horizon), None, symmetric, context, GAMMA
+    )
 
 
 @pytest.mark.parametrize(("rows", "columns", "depth"), [(64, 60, 1), (47, 50, 2), (24, 30, 0), (20, 20, 2)])
@@ -54,17 +56,20 @@ def seen(context: Context, image: Tensor) -> Tensor:
 
 
 @pytest.mark.parametrize("symmetric", [False, True])
-def test_now_and_later_are_the_value(symmetric: bool) -> None:
+@pytest.mark.parametrize("horizon", [0, 3])
+def test_now_and_later_are_the_value(symmetric: bool, horizon: int) -> None:
     torch.manual_seed(2)
-    network = split(symmetric=symmetric).eval()
+    network = split(symmetric=symmetric, horizon=horizon).eval()
     image, action = views(network, 40, 48, 3), torch.tensor([0, 1000, 1919])
     now, later = cone.parts(network, image, action)
     assert later is not None
     with torch.no_grad():
-        maps, paid = (part.flatten(2) for part in network.parts(image))
+        maps, parts = network.maps(image).flatten(2), network.parts(image).flatten(3)
     rows = torch.arange(3)
-    assert torch.allclose(maps[rows, :, action], now + GAMMA * later, atol=1e-5)
-    assert torch.allclose(paid[rows, :, action], now, atol=1e-5)
+    assert torch.allclose(maps[rows, :, action], now + GAMMA * later.sum(-1), atol=1e-5)
+    assert torch.allclose(parts.sum(2), maps, atol=1e-5)
+    assert torch.allclose(parts[rows, :, 0, action], now, atol=1e-5)
+    assert torch.allclose(parts[rows, :, 1:, action], GAMMA * later, atol=1e-5)
 
 
 def test_what_is_paid_does_not_depend_on_what_lies_elsewhere_and_what_follows_does() -> None:
@@ -105,10 +110,33 @@ def test_each_part_learns_its_own() -> None:
         best = (network.maps(following).flatten(2) * network.weights[:, None]).sum(1).argmax(-1)
         future = network.maps(following).flatten(2)[torch.arange(6), :, best] * ~data["next", "terminated"]
     reward = data["next", "reward_components"]
-    expected = (now - reward).square().mean(0) + (later - future).square().mean(0)
+    expected = (now - reward).square().mean(0) + (later[..., 0] - future).square().mean(0)
     assert torch.allclose(torch.stack([found["loss_a"], found["loss_b"]]), expected, atol=1e-5)
-    error = (now + GAMMA * later - reward - GAMMA * future).abs().mean(0)
+    error = (now + GAMMA * later[..., 0] - reward - GAMMA * future).abs().mean(0)
     assert torch.allclose(torch.stack([found["td_error_a"], found["td_error_b"]]), error, atol=1e-5)
+
+
+@pytest.mark.parametrize("shared", [True, False])
+def test_each_horizon_learns_what_the_one_before_it_says_a_decision_later(shared: bool) -> None:
+    torch.manual_seed(5)
+    network = split(horizon=2)
+    loss = DecomposedDQNLoss(network, components=("a", "b"), loss_function="l2", shared_argmax=shared)
+    loss.make_value_estimator(gamma=GAMMA)
+    data = batch(network)
+    found = loss(data.clone())
+    now, later = cone.parts(network, data["heightmap"], data["action"])
+    assert later is not None and later.shape == (6, 2, 3)
+    reward, goes_on = data["next", "reward_components"], ~data["next", "terminated"]
+    with torch.no_grad():
+        maps = network.maps(data["next", "heightmap"]).flatten(2)
+        parts = network.parts(data["next", "heightmap"]).flatten(3)
+    best = maps.sum(1, keepdim=True).argmax(-1).expand(-1, 2) if shared else maps.argmax(-1)
+    ahead = parts.gather(-1, best[..., None, None].expand(-1, -1, 4, -1)).squeeze(-1) * goes_on[..., None]
+    expected = torch.stack((ahead[..., 0], ahead[..., 1], ahead[..., 2] + ahead[..., 3]), -1)
+    future = maps.gather(-1, best[..., None]).squeeze(-1) * goes_on
+    assert torch.allclose(expected.sum(-1), future, atol=1e-5)
+    each = (later - expected).square().sum(-1) + (later.sum(-1) - future).square() + (now - reward).square()
+    assert torch.allclose(torch.stack([found["loss_a"], found["loss_b"]]), each.mean(0), atol=1e-5)
 
 
 def test_what_does_not_go_together_is_refused() -> None:

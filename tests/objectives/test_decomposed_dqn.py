@@ -82,7 +82,7 @@ def test_targets_of_components_sum_to_the_scalar_target() -> None:
     loss = make_loss(network, ["a", "b", "c"])
     loss.target_value_network_params.apply(lambda p: p.data.normal_())
     batch = transitions(3)
-    targets = loss._targets(batch)
+    targets = loss._targets(batch)[0]
     summed, summed_target = network.values.sum(1), loss.target_value_network_params["values"].sum(1)
     following = batch["next", "heightmap"]
     best = summed[following].argmax(-1, keepdim=True)
@@ -99,7 +99,7 @@ def test_weights_decide_the_shared_action() -> None:
     batch["next", "terminated"][:] = False
     best = (network.values * torch.tensor([5.0, 0.1])[:, None]).sum(1)[batch["next", "heightmap"]].argmax(-1)
     future = network.values[batch["next", "heightmap"]].gather(-1, best[:, None, None].expand(-1, 2, 1)).squeeze(-1)
-    assert torch.allclose(loss._targets(batch), batch["next", "reward_components"] + future)
+    assert torch.allclose(loss._targets(batch)[0], batch["next", "reward_components"] + future)
 
 
 def test_mask_limits_the_next_action() -> None:
@@ -112,15 +112,15 @@ def test_mask_limits_the_next_action() -> None:
     only[:, 2] = True
     batch["next", "action_mask"] = only
     future = network.values[batch["next", "heightmap"]][..., 2]
-    assert torch.allclose(loss._targets(batch), batch["next", "reward_components"] + future)
+    assert torch.allclose(loss._targets(batch)[0], batch["next", "reward_components"] + future)
 
 
 def test_own_maxima_promise_at_least_as_much() -> None:
     torch.manual_seed(4)
     network = Table(2)
     batch = transitions(2)
-    shared = make_loss(network, ["a", "b"], shared_argmax=True)._targets(batch)
-    own = make_loss(network, ["a", "b"], shared_argmax=False)._targets(batch)
+    shared = make_loss(network, ["a", "b"], shared_argmax=True)._targets(batch)[0]
+    own = make_loss(network, ["a", "b"], shared_argmax=False)._targets(batch)[0]
     assert bool((own >= shared - 1e-6).all())
     assert float((own - shared).max()) > 0.1
 
@@ -142,9 +142,9 @@ def test_n_step_discount_reaches_every_component() -> None:
     network = Table(2)
     batch = transitions(2)
     batch["next", "terminated"][:] = False
-    one = make_loss(network, ["a", "b"])._targets(batch) - batch["next", "reward_components"]
+    one = make_loss(network, ["a", "b"])._targets(batch)[0] - batch["next", "reward_components"]
     batch["steps_to_next_obs"] = torch.full((64, 1), 3)
-    three = make_loss(network, ["a", "b"])._targets(batch) - batch["next", "reward_components"]
+    three = make_loss(network, ["a", "b"])._targets(batch)[0] - batch["next", "reward_components"]
     assert torch.allclose(three, one * 0.9**2, atol=1e-6)
 
 

@@ -219,8 +219,8 @@ def test_returns_run_along_the_last_axis_of_a_batch() -> None:
     torch.manual_seed(0)
     loss, batch = DecomposedDQNLoss(Table(2), components=NAMES), transitions(2).reshape(4, 16)
     loss.make_value_estimator(ValueEstimators.TDLambda, gamma=0.9, lmbda=0.8)
-    together = loss._targets(batch)
-    assert torch.allclose(together, torch.stack([loss._targets(row) for row in batch]), atol=1e-6)
+    together = loss._targets(batch)[0]
+    assert torch.allclose(together, torch.stack([loss._targets(row)[0] for row in batch]), atol=1e-6)
 
 
 @pytest.mark.parametrize("network", [Dense, QMaps])
@@ -284,7 +284,7 @@ def test_n_step_batches_of_a_replay_buffer_have_the_n_step_targets(lead: tuple[i
     assert count == 12 - most
     plain = rollout((*lead, 12), True)
     expected = torch.stack([n_step_targets(loss, plain, t, most, 0.9) for t in range(count)], -2)
-    assert torch.allclose(loss._targets(made), expected, atol=1e-6)
+    assert torch.allclose(loss._targets(made)[0], expected, atol=1e-6)
     assert torch.isfinite(loss(buffer.sample())["loss_a"])
 
 
@@ -299,6 +299,6 @@ def test_n_step_batches_of_a_collector_go_through_the_loss(toy_config: Callable[
     rewards, (first, second) = batch["next", "original_reward"], batch["steps_to_next_obs"][:2].tolist()
     assert (first, second) == (2, 1)
     loss = make_loss(policy.qmaps, NAMES)
-    targets = loss._targets(batch)
+    targets = loss._targets(batch)[0]
     assert torch.allclose(targets[:2], torch.stack((rewards[0] + 0.9 * rewards[1], rewards[1])))
     assert torch.isfinite(loss(batch)["loss_b"])

@@ -64,7 +64,7 @@ def test_targets_are_those_of_nothing_kept(settings: dict[str, Any], augment: bo
     keeping, plain = losses(settings, kept), losses(settings, None)
     for update in range(12):
         batch = memory.sample()
-        assert torch.allclose(keeping._targets(batch), plain._targets(batch), atol=1e-6)
+        assert torch.allclose(keeping._targets(batch)[0], plain._targets(batch)[0], atol=1e-6)
         for loss in (keeping, plain):
             change(loss.value_network_params)
             if update % 4 == 3:
@@ -84,7 +84,7 @@ def test_the_target_nets_see_a_state_once_a_period(settings: dict[str, Any]) -> 
         seen = set()
         for _ in range(6):
             batch = memory.sample()
-            loss._targets(batch)
+            loss._targets(batch)[0]
             kept.step(moved=False)
             goes_on = ~batch["next", "terminated"].squeeze(-1)
             seen |= {float(image.double().sum()) for image in batch["next", "heightmap"][goes_on]}
@@ -92,7 +92,7 @@ def test_the_target_nets_see_a_state_once_a_period(settings: dict[str, Any]) -> 
         assert set(network.drawn) == seen
         assert max(network.drawn.values()) <= 4 * period + (period - 1) * 8
         before = sum(network.drawn.values())
-        loss._targets(batch)
+        loss._targets(batch)[0]
         assert sum(network.drawn.values()) == before
         kept.step(moved=True)
 
@@ -102,7 +102,7 @@ def test_what_is_overwritten_is_forgotten() -> None:
     kept, memory = Kept(choice_period=10), replay(augment=False)
     keeping, plain = losses({}, kept), losses({}, None)
     batch = memory.sample()
-    keeping._targets(batch)
+    keeping._targets(batch)[0]
     other = replay(augment=False).buffer[:]
     fresh = between_maps(ROWS, COLUMNS, torch.randint(ROWS * COLUMNS, (6,)))
     fresh["next", "reward"] = fresh["next", "reward_components"].sum(-1, keepdim=True)
@@ -114,7 +114,7 @@ def test_what_is_overwritten_is_forgotten() -> None:
     assert places == [6, 7, 0, 1, 2, 3]
     kept.forget(places)
     batch = memory.sample()
-    assert torch.allclose(keeping._targets(batch), plain._targets(batch), atol=1e-6)
+    assert torch.allclose(keeping._targets(batch)[0], plain._targets(batch)[0], atol=1e-6)
 
 
 @pytest.mark.parametrize("edges", [(16, 16), (12, 16)])
@@ -156,7 +156,7 @@ def test_a_kept_choice_is_valued_by_the_target_nets_of_now() -> None:
 
 def _future(loss: DecomposedDQNLoss, batch: TensorDictBase) -> Tensor:
     with torch.no_grad():
-        return loss._targets(batch) - batch["next", "reward_components"]
+        return loss._targets(batch)[0] - batch["next", "reward_components"]
 
 
 def test_a_period_of_one_keeps_no_choice() -> None:
@@ -172,7 +172,7 @@ def test_what_is_kept_survives_a_checkpoint() -> None:
     loss = losses({}, kept)
     for _ in range(3):
         batch = memory.sample()
-        loss._targets(batch)
+        loss._targets(batch)[0]
         kept.step(moved=False)
     again = Kept(choice_period=4)
     again.load_state_dict(kept.state_dict())

@@ -106,7 +106,7 @@ def _untrained(cfg: DictConfig, pixel_size: float) -> QMaps:
     # Where nothing follows there is nothing that a context could say.
     size = cfg.qnet.context if cfg.loss.gamma > 0 else 0
     context = Context(size, cfg.qnet.height_scale, cfg.qnet.raised_height) if size else None
-    unet = partial(UNet, width=cfg.qnet.width, depth=cfg.qnet.depth, context=size)
+    unet = partial(UNet, width=cfg.qnet.width, depth=cfg.qnet.depth, context=size, horizon=cfg.qnet.horizon)
     # A task whose transitions may be turned and mirrored is decided on from all sides, too.
     return QMaps(
         cfg.method.components, stem, unet, cfg.method.weights, cfg.replay.augment, context, float(cfg.loss.gamma)

@@ -56,6 +56,7 @@ class QNet:
     surroundings: int = _bounded(3, 255)
     slope_scale: float = _bounded(0, above=True)
     context: int = _bounded(0, 4096)
+    horizon: int = _bounded(0, 100)
     raised_height: float = MISSING
 
 

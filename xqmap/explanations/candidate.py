@@ -20,8 +20,9 @@ class Candidate:
         pixel: row and column in the heightmap.
         position: x, y, z in world metres.
         object_index: which object of the scene it lies on; None for the background or where unknown.
-        now: of ``values``, what the action itself pays, w_k now_k; None where it cannot be told apart from what
-            follows.
+        parts: what each of ``values`` is the sum of: what the action itself pays, then what is expected to follow,
+            discounted: by each of the next decisions where these are told apart, and by all later ones; only the first
+            where nothing follows. None where what is paid cannot be told apart from what follows.
     """
 
     label: str
@@ -30,12 +31,17 @@ class Candidate:
     pixel: tuple[int, int] | None = None
     position: tuple[float, float, float] | None = None
     object_index: int | None = None
-    now: dict[str, float] | None = None
+    parts: dict[str, list[float]] | None = None
+
+    @property
+    def now(self) -> dict[str, float] | None:
+        """Of ``values``, what the action itself pays, w_k now_k; None as :attr:`parts`."""
+        return None if self.parts is None else {name: parts[0] for name, parts in self.parts.items()}
 
     @property
     def later(self) -> dict[str, float] | None:
-        """Of ``values``, what is expected to follow the action, discounted, γ w_k later_k; None as :attr:`now`."""
-        return None if self.now is None else {name: value - self.now[name] for name, value in self.values.items()}
+        """Of ``values``, what is expected to follow the action, discounted, γ w_k later_k; None as :attr:`parts`."""
+        return None if self.parts is None else {n: value - self.parts[n][0] for n, value in self.values.items()}
 
     @property
     def overall(self) -> float:

@@ -45,7 +45,8 @@ class Decision:
         scene: what lies on each cell; None likewise.
         played: what really came of candidates, by label: of each copy of the world the discounted sub-rewards w_k r_k
             from this decision to the episode's end, by component.
-        now: ``[K, H, W]``: of the maps, what a decision there itself pays; None where it cannot be told apart.
+        parts: ``[K, P, H, W]``: what the maps are the sum of, see :class:`~xqmap.explanations.Candidate`; None where
+            they cannot be told apart.
 
     Examples:
         >>> from xqmap.explanations import Candidate, Decision
@@ -78,7 +79,7 @@ class Decision:
     heightmap: np.ndarray | None = None
     maps: np.ndarray | None = None
     scene: Scene | None = None
-    now: np.ndarray | None = None
+    parts: np.ndarray | None = None
     played: dict[str, list[dict[str, float]]] = field(default_factory=dict)
 
     @classmethod
@@ -122,7 +123,7 @@ class Decision:
         heightmap = state[keys.HEIGHTMAP].cpu().numpy()
         weights = policy.qmaps.weights[:, None]
         maps = (out[keys.COMPONENT_ACTION_VALUE] * weights).cpu().double().numpy()
-        paid = out.get(keys.COMPONENT_NOW_VALUE, None)
+        told = out.get(keys.COMPONENT_PART_VALUE, None)
         mask = state.get(keys.ACTION_MASK, None)
         allowed = np.ones(maps.shape[-1], dtype=bool) if mask is None or not bool(mask.any()) else mask.cpu().numpy()
         if not np.isfinite(maps).all():
@@ -131,8 +132,10 @@ class Decision:
             )
         shape = len(names), *heightmap.shape[-2:]
         limited = np.where(allowed, maps, np.nan).reshape(shape)
-        now = None if paid is None else (paid * weights).cpu().double().numpy().reshape(shape)
-        decision = cls(task, names, [], scene_seed, step, [], noise or {}, heightmap, limited, scene, now)
+        parts = limited[:, None] if policy.qmaps.gamma == 0 else None
+        if told is not None:
+            parts = (told * weights[..., None]).cpu().double().numpy().reshape(len(names), -1, *shape[1:])
+        decision = cls(task, names, [], scene_seed, step, [], noise or {}, heightmap, limited, scene, parts)
         decision.objects = decision._pool(scene)
         selected = divmod(int(out[keys.ACTION]), heightmap.shape[-1])
         if level == "pixel":
@@ -150,12 +153,18 @@ class Decision:
         assert self.maps is not None and self.scene is not None
         row, column = pixel
         values = dict(zip(self.components, self.maps[:, row, column].tolist(), strict=True))
-        now = None
-        if self.now is not None:
-            now = dict(zip(self.components, self.now[:, row, column].tolist(), strict=True))
+        parts = None
+        if self.parts is not None:
+            parts = dict(zip(self.components, self.parts[:, :, row, column].tolist(), strict=True))
         return Candidate(
-            called, self.scene.name(pixel), values, pixel, self.scene.position(pixel), self.scene.index(pixel), now
+            called, self.scene.name(pixel), values, pixel, self.scene.position(pixel), self.scene.index(pixel), parts
         )
+
+    @property
+    def horizon(self) -> int:
+        """How many of the next decisions are told apart."""
+        parts = [candidate.parts for candidate in self.candidates]
+        return min(0 if not told else max(0, min(map(len, told.values())) - 2) for told in parts)
 
     @property
     def foresees(self) -> bool:

@@ -15,7 +15,7 @@ import numpy as np
 from xqmap.errors import UserError
 from xqmap.explanations import contrast
 from xqmap.explanations.candidate import Candidate
-from xqmap.explanations.reading import parse
+from xqmap.explanations.reading import MOST_PARTS, parse
 from xqmap.explanations.scene import Scene
 from xqmap.files import read_bytes, write_atomically
 
@@ -66,7 +66,9 @@ def save(decision: Decision, path: Path, wording: Any = None) -> list[Path]:
     if decision.maps is None or decision.scene is None or decision.heightmap is None:
         return [path]
     beside, buffer = path.with_suffix(".npz"), io.BytesIO()
-    parts: dict[str, Any] = {} if decision.now is None else {"now": decision.now.astype(np.float32)}
+    parts: dict[str, Any] = {}
+    if decision.parts is not None and decision.parts.shape[1] > 1:
+        parts["parts"] = decision.parts.astype(np.float32)
     np.savez_compressed(
         buffer,
         **parts,
@@ -104,7 +106,7 @@ def _maps(fields: dict[str, Any], scene: Any, beside: Path) -> dict[str, Any]:
                 raise UserError(f"{beside}: larger than {_LARGEST_MAPS // 1_000_000} MB, which no maps are")
         with np.load(packed_bytes, allow_pickle=False) as arrays:
             maps, color, height, cells = (arrays[name] for name in ("maps", "color", "height", "cells"))
-            now = arrays.get("now")
+            parts = arrays.get("parts", maps[:, None])
         names = [str(name)[:200] for name in scene["names"]]
         bounds = np.array(scene["bounds"], dtype=float)
         rows, columns = cells.shape
@@ -113,7 +115,8 @@ def _maps(fields: dict[str, Any], scene: Any, beside: Path) -> dict[str, Any]:
             and color.shape == (3, rows, columns)
             and height.shape == cells.shape
         )
-        fits = fits and (now is None or (now.shape == maps.shape and bool(np.isfinite(now).all())))
+        fits = fits and parts.ndim == 4 and (*parts.shape[:1], *parts.shape[2:]) == maps.shape
+        fits = fits and 1 <= parts.shape[1] <= MOST_PARTS and not np.isinf(parts).any()
         fits = fits and bounds.shape == (3, 2) and bool(np.isfinite(bounds).all() and np.isfinite(height).all())
         fits = fits and int(cells.min()) >= -1 and int(cells.max()) < len(names) and not np.isinf(maps).any()
         for candidate in fields["candidates"]:
@@ -129,8 +132,9 @@ def _maps(fields: dict[str, Any], scene: Any, beside: Path) -> dict[str, Any]:
         )
     heightmap = np.concatenate((color.astype(np.float32), height[None].astype(np.float32)))
     lying = Scene(names, cells.astype(int), str(scene["background"])[:200], bounds.tolist(), heightmap[3])
-    paid = None if now is None else now.astype(float)
-    return {"maps": maps.astype(float), "heightmap": heightmap, "scene": lying, "now": paid}
+    # Known everywhere where they are known of the candidates.
+    known = parts.astype(float) if fields["candidates"][0].parts is not None else None
+    return {"maps": maps.astype(float), "heightmap": heightmap, "scene": lying, "parts": known}
 
 
 def _plain(candidate: Candidate) -> dict[str, Any]:
@@ -138,4 +142,8 @@ def _plain(candidate: Candidate) -> dict[str, Any]:
     result |= {"pixel": list(candidate.pixel)} if candidate.pixel is not None else {}
     result |= {"position": list(candidate.position)} if candidate.position is not None else {}
     result |= {"values": candidate.values, "overall": candidate.overall, "object_index": candidate.object_index}
-    return result if candidate.now is None else result | {"now": candidate.now, "later": candidate.later}
+    if candidate.parts is None:
+        return result
+    result |= {"now": candidate.now, "later": candidate.later}
+    ahead = {name: parts[1:] for name, parts in candidate.parts.items()}
+    return result | {"when": ahead} if max(map(len, ahead.values())) > 1 else result

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
@@ -28,6 +29,11 @@ _Number = Annotated[float, Field(ge=-_LARGEST_VALUE, le=_LARGEST_VALUE, allow_in
 _Whole = Annotated[int, Field(ge=-_LARGEST_WHOLE, le=_LARGEST_WHOLE)]
 _Row = Annotated[float, Field(ge=0, le=_LARGEST_VALUE, allow_inf_nan=False)]
 _Values = Annotated[dict[str, _Number], Field(max_length=32)]
+# Of a value: what is paid now, and what follows by horizon.
+MOST_PARTS = 102
+_Ahead = Annotated[list[_Number], Field(min_length=1, max_length=MOST_PARTS - 1)]
+# How far the sum of the parts may be from the value.
+_TOLERANCE = 1e-4
 
 
 class _Object(BaseModel):
@@ -39,6 +45,7 @@ class _Object(BaseModel):
     position: Annotated[list[_Number], Field(min_length=3, max_length=3)] | None = None
     object_index: _Whole | None = None
     now: _Values | None = None
+    when: Annotated[dict[str, _Ahead], Field(max_length=32)] | None = None
 
 
 class _Candidate(_Object):
@@ -87,8 +94,23 @@ def parse(content: Any, source: str) -> dict[str, Any]:
     if len(set(components)) < len(components):
         refuse("components", "names one twice")
 
+    def parts(entry: _Object, place: str) -> dict[str, list[float]] | None:
+        if entry.now is None:
+            return None
+        later = {name: entry.values[name] - entry.now[name] for name in components}
+        if entry.when is None:
+            ahead = {name: [value] if any(later.values()) else [] for name, value in later.items()}
+        else:
+            ahead = {name: entry.when[name] for name in components}
+            if len({len(numbers) for numbers in ahead.values()}) > 1:
+                refuse(f"{place}.when", "must name as many numbers for every component")
+            if any(abs(sum(ahead[name]) - later[name]) > _TOLERANCE for name in components):
+                refuse(f"{place}.when", "must add up to what is left of the values without now")
+        return {name: [entry.now[name], *ahead[name]] for name in components}
+
     def candidate(entry: _Object, label: str, place: str) -> Candidate:
-        for part, named in (("values", entry.values), ("now", entry.now)):
+        named: Mapping[str, Any] | None
+        for part, named in (("values", entry.values), ("now", entry.now), ("when", entry.when)):
             if named is None:
                 continue
             for name in components:
@@ -106,7 +128,7 @@ def parse(content: Any, source: str) -> dict[str, Any]:
             (int(row), int(column)) if entry.pixel else None,
             (x, y, z) if entry.position else None,
             entry.object_index,
-            None if entry.now is None else {name: entry.now[name] for name in components},
+            parts(entry, place),
         )
 
     candidates: list[Candidate] = []

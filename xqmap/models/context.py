@@ -57,16 +57,17 @@ class GatedHead(nn.Module):
     Args:
         width: channels of the features.
         size: numbers of the context.
+        parts: values of each cell.
         hidden: features that are gated.
 
-    Shapes: ``[B, width, H, W]`` and ``[B, size]`` → ``[B, 1, H, W]``.
+    Shapes: ``[B, width, H, W]`` and ``[B, size]`` → ``[B, parts, H, W]``.
     """
 
-    def __init__(self, width: int, size: int, hidden: int = 16) -> None:
+    def __init__(self, width: int, size: int, parts: int = 1, hidden: int = 16) -> None:
         super().__init__()
         self.mix = nn.Conv2d(width, hidden, kernel_size=1)
         self.gate = nn.Linear(size, 2 * hidden)
-        self.value = nn.Conv2d(hidden, 1, kernel_size=1)
+        self.value = nn.Conv2d(hidden, parts, kernel_size=1)
         # At first nearly open.
         nn.init.normal_(self.gate.weight, std=0.05)
         nn.init.zeros_(self.gate.bias)

@@ -47,8 +47,8 @@ class QMaps(TensorDictModuleBase):
     section III).
 
     Reads ``heightmap`` ``[*, 4, H, W]`` and, where it is there, ``action`` ``[*]``. Writes ``component_action_value``
-    ``[*, K, A]``, ``action_value`` ``[*, A]`` = Σ_k w_k Q_k, in evaluation mode ``component_now_value`` ``[*, K, A]``
-    (see :meth:`parts`), and for a given action ``chosen_component_value``
+    ``[*, K, A]``, ``action_value`` ``[*, A]`` = Σ_k w_k Q_k, in evaluation mode and in a context
+    ``component_part_value`` ``[*, K, P, A]`` (see :meth:`parts`), and for a given action ``chosen_component_value``
     ``[*, K]`` and ``chosen_action_value`` ``[*, 1]``.
 
     Args:
@@ -96,6 +96,12 @@ class QMaps(TensorDictModuleBase):
         """The pooling grid: heightmaps are padded to multiples of it."""
         return 2 ** max(unet.depth for unet in self._unets())
 
+    @property
+    def horizon(self) -> int:
+        """How many of the next decisions are told apart in what follows; 0 where what follows is one part, or none."""
+        later = [unet.later for unet in self._unets()]
+        return later[0].value.out_channels - 1 if later and later[0] else 0
+
     def _unets(self) -> list[UNet]:
         return [unet for unet in self.unets if isinstance(unet, UNet)]
 
@@ -105,15 +111,12 @@ class QMaps(TensorDictModuleBase):
         """
         return self._seen(heightmap, self._maps)
 
-    def parts(self, heightmap: Tensor) -> tuple[Tensor, Tensor | None]:
-        """``[B, 4, H, W]`` → the Q-Maps ``[B, K, H, W]`` and of these the part that a decision there pays itself: all
-        of it where nothing follows (γ = 0), and None where it cannot be told apart (without a context).
+    def parts(self, heightmap: Tensor) -> Tensor:
+        """``[B, 4, H, W]`` → ``[B, K, P, H, W]``, what the Q-Maps are the sum of: what a decision pays itself, then γ
+        times what is expected of each of the next decisions, and of all later ones together. One part where nothing
+        follows (γ = 0) or where what follows cannot be told apart (without a context).
         """
-        if self.context is None:
-            maps = self.maps(heightmap)
-            return maps, maps if self.gamma == 0 else None
-        maps, now = self._seen(heightmap, self._maps_and_now).chunk(2, 1)
-        return maps, now
+        return self._seen(heightmap, self._parts).unflatten(1, (len(self.components), -1))
 
     def from_side(self, heightmap: Tensor, side: int) -> Tensor:
         """``[B, 4, H, W]`` → the Q-Maps ``[B, K, H, W]`` as they are seen from one of the map's sides, an element of
@@ -143,28 +146,28 @@ class QMaps(TensorDictModuleBase):
         return torch.cat([see(part) for part in parts])[..., :rows, :columns]
 
     def _maps(self, heightmap: Tensor) -> Tensor:
+        if self.context is None:
+            image = self.geometry(heightmap)
+            return torch.cat([unet(image) for unet in self.unets], dim=1)
+        return self._parts(heightmap).unflatten(1, (len(self.components), -1)).sum(2)
+
+    def _parts(self, heightmap: Tensor) -> Tensor:
+        """``[B, K · P, H, W]``."""
         image = self.geometry(heightmap)
         if self.context is None:
             return torch.cat([unet(image) for unet in self.unets], dim=1)
-        return self._in_context(image, heightmap)[0]
-
-    def _maps_and_now(self, heightmap: Tensor) -> Tensor:
-        return torch.cat(self._in_context(self.geometry(heightmap), heightmap), 1)
-
-    def _in_context(self, image: Tensor, heightmap: Tensor) -> tuple[Tensor, Tensor]:
-        """``[B, K, H, W]`` twice: the Q-Maps, and what is paid now."""
-        assert self.context is not None
-        whole, maps, paid = self.context(heightmap), [], []
+        whole, parts = self.context(heightmap), []
         for unet in self._unets():
             assert unet.later is not None
             features = unet.features(image)
-            paid.append(unet.value(features))
-            maps.append(self.joined(paid[-1], unet.later(features, whole)))
-        return torch.cat(maps, 1), torch.cat(paid, 1)
+            parts += [unet.value(features), self.gamma * unet.later(features, whole)]
+        return torch.cat(parts, 1)
 
     def joined(self, now: Tensor, later: Tensor | None) -> Tensor:
-        """Q_k of its two parts, now_k + γ · later_k; of one, without a context, that."""
-        return now if later is None else now + self.gamma * later
+        """``[*]``: Q_k of what is paid, ``[*]``, and what follows, ``[*, P]``: now_k + γ · Σ later_k; of one, without a
+        context, that.
+        """
+        return now if later is None else now + self.gamma * later.sum(-1)
 
     def geometry(self, heightmap: Tensor) -> Tensor:
         """``[B, 4, H, W]`` → ``[B, C, H, W]``: what the U-Nets see."""
@@ -181,10 +184,13 @@ class QMaps(TensorDictModuleBase):
         image = tensordict.get(keys.HEIGHTMAP)
         lead = image.shape[:-3]
         flat = image.reshape(-1, *image.shape[-3:])
-        # Only who explains asks what is paid now, and never while learning.
-        maps, now = (self.maps(flat), None) if self.training else self.parts(flat)
-        if now is not None:
-            tensordict.set(keys.COMPONENT_NOW_VALUE, now.reshape(*lead, len(self.components), -1))
+        if self.training or self.context is None:
+            maps = self.maps(flat)
+        else:
+            # Only who explains asks what follows when, and never while learning.
+            parts = self.parts(flat)
+            maps = parts.sum(2)
+            tensordict.set(keys.COMPONENT_PART_VALUE, parts.reshape(*lead, *parts.shape[1:3], -1))
         values = maps.reshape(*lead, len(self.components), -1)
         total = (values * self.weights[:, None]).sum(-2)
         tensordict.set(keys.COMPONENT_ACTION_VALUE, values)

@@ -102,18 +102,20 @@ class UNet(nn.Module):
         width: channels of the first level; each level below has twice as many.
         depth: number of poolings; H and W must be multiples of 2 ** depth.
         context: numbers of a context by which a second head, :attr:`later`, is gated; 0 for none.
+        horizon: decisions ahead that the second head tells apart: it gives ``horizon + 1`` values, the last for all
+            that comes after.
 
     Shapes: ``[B, in_channels, H, W]`` → ``[B, 1, H, W]``.
     """
 
-    def __init__(self, in_channels: int, width: int, depth: int, context: int = 0) -> None:
+    def __init__(self, in_channels: int, width: int, depth: int, context: int = 0, horizon: int = 0) -> None:
         super().__init__()
         widths = [width * 2**level for level in range(depth + 1)]
         self.depth = depth
         self.encoder = nn.ModuleList(_block(a, b) for a, b in zip([in_channels, *widths[:-1]], widths, strict=True))
         self.decoder = nn.ModuleList(_block(widths[i + 1] + widths[i], widths[i]) for i in reversed(range(depth)))
         self.head = nn.Conv2d(width, 1, kernel_size=1)
-        self.later = GatedHead(width, context) if context else None
+        self.later = GatedHead(width, context, horizon + 1) if context else None
 
     def forward(self, image: Tensor) -> Tensor:
         """``[B, in_channels, H, W]`` → ``[B, 1, H, W]``."""

@@ -126,8 +126,8 @@ def values(network: QMaps, heightmap: Tensor, action: Tensor) -> Tensor:
 
 
 def parts(network: QMaps, heightmap: Tensor, action: Tensor) -> tuple[Tensor, Tensor | None]:
-    """``[B, K]`` each: what the actions pay and what can follow, Q_k = now_k + γ · later_k; all of Q_k and None where
-    the network has no context.
+    """What the actions pay, ``[B, K]``, and what can follow, by horizon, ``[B, K, P]``: Q_k = now_k + γ · Σ later_k.
+    All of Q_k and None where the network has no context.
     """
     rows, columns = heightmap.shape[-2:]
     if network.training or not network.symmetric:
@@ -171,7 +171,7 @@ def _valued(
         return now, None
     whole = network.context(heightmap)
     later = [unet.later(seen, whole).flatten(1) for unet, seen in zip(unets, features, strict=True) if unet.later]
-    return now, torch.cat(later, 1)
+    return now, torch.stack(later, 1)
 
 
 def _plain(unet: nn.Module) -> bool:

@@ -31,7 +31,9 @@ class DecomposedDQNLoss(LossModule):
     double DQN exactly.
 
     Q-Maps with a context have two parts, Q_k = now_k + γ · later_k: each learns its own, now_k the reward r_k and
-    later_k what follows, (1 − terminated) Q̄_k(s', a⁺); the loss is the sum of both distances.
+    later_k what follows, (1 − terminated) Q̄_k(s', a⁺); the loss is the sum of both distances. Where later_k is told
+    apart by horizon, later_k = Σ_h F_k^h, each F_k^h learns what a⁺ is expected to pay h decisions on,
+    F_k^1 = now̄_k(s', a⁺) and F_k^h = γ F̄_k^{h−1}(s', a⁺), the last what is left; their distances are added.
 
     Values of :class:`~xqmap.models.qmaps.QMaps` at an action, and their gradients, are computed on the cells that they
     depend on (:mod:`xqmap.objectives.cone`); those of any other network are taken from all that it writes.
@@ -147,6 +149,8 @@ class DecomposedDQNLoss(LossModule):
         # γ of Q-Maps in two parts; 0 where there is one.
         in_parts = cone.has_cone(value_network) and value_network.context is not None
         self.later_gamma = float(value_network.gamma) if in_parts else 0.0
+        # Into how many parts they tell apart what follows.
+        self.parts_ahead = value_network.horizon + 1 if in_parts else 0
         self.reduction = reduction
         self.one_hot = inputs.is_one_hot(action_space)
         self.convert_to_functional(value_network, "value_network", create_target_params=delay_value)
@@ -245,14 +249,18 @@ class DecomposedDQNLoss(LossModule):
         now, later = self._parts(tensordict, action, self.value_network_params)
         value = self._joined(now, later)
         with torch.no_grad():
-            target = self._targets(tensordict).to(value)
+            target, expected = self._targets(tensordict)
+            target = target.to(value)
         error = (target - value.detach()).abs()
         if later is None:
             loss = distance_loss(value, target, self.loss_function)
         else:
             reward = inputs.rewards(tensordict["next"], k.reward, self.components).to(value)
             loss = distance_loss(now, reward, self.loss_function)
-            loss = loss + distance_loss(later, (target - reward) / self.later_gamma, self.loss_function)
+            expected = expected.to(value)
+            loss = loss + distance_loss(later.sum(-1), expected.sum(-1), self.loss_function)
+            if later.shape[-1] > 1:
+                loss = loss + distance_loss(later, expected, self.loss_function).sum(-1)
         if tensordict.get(k.priority_weight, None) is not None:
             loss = loss * inputs.numbers(tensordict, k.priority_weight).to(loss)[..., None]
         tensordict.set(k.priority, error.sum(-1))
@@ -278,17 +286,13 @@ class DecomposedDQNLoss(LossModule):
         return found
 
     def _joined(self, now: Tensor, later: Tensor | None) -> Tensor:
-        return now if later is None else now + self.later_gamma * later
-
-    def _values(self, tensordict: TensorDictBase, action: Tensor, params: TensorDictParams) -> Tensor:
-        """``[*, K]``: Q_k at the actions ``[*]`` (or one-hot ``[*, A]``) in the states ``[*]``."""
-        return self._joined(*self._parts(tensordict, action, params))
+        return now if later is None else now + self.later_gamma * later.sum(-1)
 
     def _parts(
         self, tensordict: TensorDictBase, action: Tensor, params: TensorDictParams
     ) -> tuple[Tensor, Tensor | None]:
-        """``[*, K]`` each: what the actions pay and what can follow; Q_k and None of a network that does not tell them
-        apart.
+        """What the actions ``[*]`` (or one-hot ``[*, A]``) in the states ``[*]`` pay, ``[*, K]``, and what can follow,
+        ``[*, K, P]``; Q_k and None of a network that does not tell them apart.
         """
         lead, key = tensordict.batch_size, self.tensor_keys.heightmap
         states = tensordict.select(*self.value_network.in_keys).reshape(-1)
@@ -298,16 +302,18 @@ class DecomposedDQNLoss(LossModule):
             action = inputs.index(action, states[key].shape[-2:].numel())
             with params.to_module(self.value_network, preserve_module_state=False):
                 now, later = cone.parts(self.value_network, states[key], action)
-            return now.reshape(*lead, -1), None if later is None else later.reshape(*lead, -1)
+            return now.reshape(*lead, -1), None if later is None else later.reshape(*lead, *later.shape[1:])
         maps = self._network(states, params)[self.tensor_keys.component_action_value]
         return values_at(maps, inputs.index(action, maps.shape[-1])).reshape(*lead, -1), None
 
-    def _targets(self, tensordict: TensorDictBase) -> Tensor:
-        """``[*, K]``: y_k. Next states after which nothing comes are not looked at."""
+    def _targets(self, tensordict: TensorDictBase) -> tuple[Tensor, Tensor]:
+        """y_k, ``[*, K]``, and what its future is made of, ``[*, K, P]``. Next states after which nothing comes are
+        not looked at.
+        """
         k, following = self.tensor_keys, tensordict["next"]
         reward = inputs.rewards(following, k.reward, self.components)
         done, terminated = inputs.ends(following, (k.done, k.terminated, k.truncated))
-        future = torch.zeros_like(reward)
+        future = reward.new_zeros(*reward.shape, 1 + self.parts_ahead)
         if self._value_estimator is None:
             self.make_value_estimator()
         if not bool(terminated.all()) and float(self._value_estimator.gamma) > 0:
@@ -323,10 +329,17 @@ class DecomposedDQNLoss(LossModule):
                 raise ValueError(f"{k.steps_to_next_obs}: of several steps nobody learns what one decision pays")
             steps = inputs.numbers(tensordict, k.steps_to_next_obs)
             batch.set(k.steps_to_next_obs, steps[..., None].expand_as(reward))
-        return self.value_estimator.value_estimate(batch, next_value=future)
+        if not self.parts_ahead:
+            return self.value_estimator.value_estimate(batch, next_value=future[..., 0]), future[..., 1:]
+        # One decision later each part is one decision nearer; what was last now lies in the last part.
+        future[..., 1:] *= self.later_gamma
+        target = self.value_estimator.value_estimate(batch, next_value=future.sum(-1))
+        return target, torch.cat((future[..., :-2], future[..., -2:].sum(-1, keepdim=True)), -1)
 
     def _future(self, following: TensorDictBase) -> Tensor:
-        """``[N, K]``: Q̄_k(s', a⁺), or max_a' Q̄_k(s', a') without the shared argmax; looked up where it is kept."""
+        """``[N, K, 1 + P]``: Q̄_k(s', a⁺), or max_a' Q̄_k(s', a') without the shared argmax, as what is paid and what can
+        follow; looked up where it is kept.
+        """
         k, kept, online = self.tensor_keys, self.kept, self.double_dqn and self.shared_argmax
         if kept is None:
             return self._valued(following, self._chosen(following) if online else None)
@@ -350,14 +363,24 @@ class DecomposedDQNLoss(LossModule):
         return masked_argmax(total, inputs.allowed(following, k.action_mask, total.shape[-1]))
 
     def _valued(self, following: TensorDictBase, choice: Tensor | None) -> Tensor:
-        """``[N, K]``: what the target nets make of the choices ``[N]``, or, where there are none, of their own."""
-        k, target = self.tensor_keys, self.target_value_network_params
+        """``[N, K, 1 + P]``: what the target nets make of the choices ``[N]``, or, where there are none, of their
+        own.
+        """
         if choice is not None:
-            return self._values(following, choice, target)
-        found = self._network(following, target)
+            return self._together(following, choice)
+        k = self.tensor_keys
+        found = self._network(following, self.target_value_network_params)
         maps = found[k.component_action_value]
         mask = inputs.allowed(following, k.action_mask, maps.shape[-1])
         if self.shared_argmax:
-            return values_at(maps, masked_argmax(found[k.action_value], mask))
-        best = masked_argmax(maps, None if mask is None else mask[..., None, :])
-        return maps.gather(-1, best[..., None]).squeeze(-1)
+            best = masked_argmax(found[k.action_value], mask)[:, None].expand(-1, len(self.components))
+        else:
+            best = masked_argmax(maps, None if mask is None else mask[..., None, :])
+        if not self.later_gamma:
+            return maps.gather(-1, best[..., None])
+        return torch.stack([self._together(following, cells)[:, i] for i, cells in enumerate(best.unbind(-1))], 1)
+
+    def _together(self, following: TensorDictBase, choice: Tensor) -> Tensor:
+        """``[N, K, 1 + P]``: what the target nets say that the choices ``[N]`` pay, and what can follow."""
+        now, later = self._parts(following, choice, self.target_value_network_params)
+        return now[..., None] if later is None else torch.cat((now[..., None], later), -1)

@@ -26,7 +26,7 @@ class Kept:
         self.updates = 0
         # By place in the storage: the cell, as it lies from side 0, and the update that chose it.
         self._choices: dict[int, tuple[int, int]] = {}
-        # By place, and by side and cell (-1 for what the target nets choose themselves): [K].
+        # By place, and by side and cell (-1 for what the target nets choose themselves): [K, …].
         self._values: dict[int, dict[tuple[int, int], Tensor]] = {}
 
     def choices(self, places: Tensor, sides: Tensor, edges: Sequence[int]) -> Tensor:
@@ -66,12 +66,12 @@ class Kept:
         return torch.tensor(list(rows.values()), dtype=torch.int64, device=places.device)
 
     def value(self, places: Tensor, sides: Tensor, cells: Tensor, values: Tensor) -> None:
-        """Keeps the ``values`` ``[N, K]`` computed now."""
+        """Keeps the ``values`` ``[N, K, …]`` computed now."""
         for (place, side, cell), value in zip(_rows(places, sides, cells), values.cpu().unbind(), strict=True):
             self._values.setdefault(place, {})[side, cell] = value
 
     def values(self, places: Tensor, sides: Tensor, cells: Tensor) -> Tensor:
-        """``[N, K]``: the values of what is known."""
+        """``[N, K, …]``: the values of what is known."""
         found = [self._values[place][side, cell] for place, side, cell in _rows(places, sides, cells)]
         return torch.stack(found).to(places.device)
 

@@ -18,7 +18,7 @@ from xqmap.runs.places import POLICY, home, locate
 # Settings of earlier versions, on which nothing of what was learned depends.
 _FORMER = {"loss": ("windowed",)}
 # Settings that trainings had, in effect, before there was a name for them.
-_SINCE = {"qnet": {"context": 0, "raised_height": 0.0}}
+_SINCE = {"qnet": {"context": 0, "horizon": 0, "raised_height": 0.0}}
 
 
 @dataclass

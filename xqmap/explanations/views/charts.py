@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Sequence
 from typing import Any
 
 from matplotlib.artist import Artist
@@ -103,6 +104,29 @@ def draw_rdx(decision: Decision, axis: Axes, pairs: list[tuple[str, str]]) -> No
     reach = max(abs(value) for candidate in decision.candidates for value in candidate.values.values()) / 4 or 1.0
     low, high = axis.get_ylim()
     axis.set_ylim(min(low, -reach), max(high, reach))
+
+
+def draw_when(decision: Decision, axes: Sequence[Axes]) -> None:
+    """What is expected of each candidate, decision after decision, one strip for each."""
+    for axis, candidate in zip(axes, decision.candidates, strict=True):
+        assert candidate.parts is not None
+        count, ahead = len(decision.components), len(next(iter(candidate.parts.values())))
+        width = 0.8 / count
+        for k, name in enumerate(decision.components):
+            places = [h + (k - (count - 1) / 2) * width for h in range(ahead)]
+            color = color_of(decision, name)
+            drawn = axis.bar(places[:1], candidate.parts[name][:1], width * 0.94, color=color)
+            axis.bar_label(drawn, fmt=number, fontsize=7, padding=1.5, color="0.3")
+            light = (1.0, 1.0, 1.0, 0.75)
+            drawn = axis.bar(
+                places[1:], candidate.parts[name][1:], width * 0.94, fc=light, ec=color, lw=1.0, hatch=_HATCH
+            )
+            axis.bar_label(drawn, fmt=number, fontsize=7, padding=1.5, color="0.3")
+        axis.axhline(0, color="0.3", lw=0.8)
+        axis.set_xticks(range(ahead), ["now", *(f"+{h}" for h in range(1, ahead - 1)), "after"], fontsize=8)
+        axis.set_title(f"{candidate.label}: {candidate.object}", fontsize=9)
+        axis.margins(y=0.2)
+    axes[0].set_ylabel("value, discounted")
 
 
 def legend(decision: Decision, axis: Axes) -> None:

@@ -61,6 +61,22 @@ def rdx(decision: Decision) -> Figure:
         return figure
 
 
+def when(decision: Decision) -> Figure:
+    """What is paid now and what is expected of each of the next decisions, where the agent tells them apart; their sum
+    is each candidate's value.
+    """
+    with drawing():
+        count = len(decision.candidates)
+        ahead = decision.horizon
+        if not ahead:
+            raise ValueError("this decision does not tell the next decisions apart: qnet.horizon is 0")
+        figure = Figure(figsize=(1.4 + count * max(2.6, 0.62 * (ahead + 2)), 2.6), layout="constrained")
+        axes = list(figure.subplots(1, count, sharey=True, squeeze=False)[0])
+        charts.draw_when(decision, axes)
+        charts.legend(decision, axes[-1])
+        return figure
+
+
 def bars(decision: Decision) -> Figure:
     """Part 2 as one figure: values and differences.
 

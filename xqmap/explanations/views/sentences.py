@@ -66,9 +66,9 @@ def write(decision: Decision, wording: Mapping[str, Any] | None = None) -> dict[
     elsewhere += close if elsewhere else best
     said += [contrastive(decision, decision.selected, other, words) for other in elsewhere]
     following = future.expected(decision, decision.selected, words)
-    return {"shallow": shallow(decision, words), "contrastive": said, "robustness": robustness(decision, words)} | (
-        {"future": following} if following else {}
-    )
+    result = {"shallow": shallow(decision, words), "contrastive": said, "robustness": robustness(decision, words)}
+    result |= {"future": following} if following else {}
+    return result | ({"played": future.played(decision, words)} if decision.played else {})
 
 
 def why(decision: Decision) -> str:

@@ -45,6 +45,11 @@ def told(decision: Decision, level: int) -> str:
             "Component values of each candidate, and their differences (RDX); the tables hold the same numbers."
             + (" Solid: what is paid now. Hatched: what is expected to follow." if parts else ""),
         ),
+        *(
+            [markup.figure(plots.when(decision), "What is expected of each candidate, decision after decision.")]
+            if decision.horizon and parts
+            else []
+        ),
         markup.table(
             ("candidate", "object", *decision.components, "sum"),
             lines,
