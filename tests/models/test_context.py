@@ -8,7 +8,9 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from tests.objectives.test_cone import assert_same, everywhere, views
+from xqmap.evaluation.baselines import greedy, out_of_context
 from xqmap.models.context import Context
+from xqmap.models.policy import GreedyPolicy
 from xqmap.models.qmaps import QMaps
 from xqmap.models.unet import LocalGeometry, UNet
 from xqmap.objectives import DecomposedDQNLoss, cone
@@ -84,6 +86,19 @@ def test_what_is_paid_does_not_depend_on_what_lies_elsewhere_and_what_follows_do
     assert torch.equal(now, now_too) and not torch.allclose(later, later_too)
 
 
+def test_out_of_context_the_context_is_all_zeros_and_the_policy_stays_as_it_was() -> None:
+    torch.manual_seed(6)
+    policy = GreedyPolicy(split()).eval()
+    torch.nn.init.normal_(policy.qmaps.context.numbers.bias, std=20.0)
+    image = views(policy.qmaps, 40, 48, 8)
+    states = [TensorDict({"heightmap": each, "action_mask": torch.ones(40 * 48, dtype=torch.bool)}) for each in image]
+    own, blind = greedy(policy), out_of_context(policy)
+    chosen = [[choose(state, None, None) for state in states] for choose in (own, blind, own)]  # type: ignore[arg-type]
+    assert chosen[0] == chosen[2] != chosen[1]
+    policy.qmaps.context.forward = lambda heightmap: torch.zeros(len(heightmap), 8)
+    assert [own(state, None, None) for state in states] == chosen[1]  # type: ignore[arg-type]
+
+
 def batch(network: QMaps, count: int = 6) -> TensorDict:
     ends = torch.arange(count)[:, None] % 2 == 0
     following = {
@@ -135,8 +150,30 @@ def test_each_horizon_learns_what_the_one_before_it_says_a_decision_later(shared
     expected = torch.stack((ahead[..., 0], ahead[..., 1], ahead[..., 2] + ahead[..., 3]), -1)
     future = maps.gather(-1, best[..., None]).squeeze(-1) * goes_on
     assert torch.allclose(expected.sum(-1), future, atol=1e-5)
-    each = (later - expected).square().sum(-1) + (later.sum(-1) - future).square() + (now - reward).square()
+    each = (later - expected)[..., :-1].square().sum(-1) + (later.sum(-1) - future).square() + (now - reward).square()
     assert torch.allclose(torch.stack([found["loss_a"], found["loss_b"]]), each.mean(0), atol=1e-5)
+
+
+def test_telling_apart_changes_nothing_of_what_is_learned_as_a_whole() -> None:
+    gradients = []
+    for horizon in (0, 3):
+        torch.manual_seed(7)
+        network = split(horizon=horizon)
+        state = {
+            name: torch.sin(torch.arange(t.numel()).view_as(t) + len(name)) / 9
+            for name, t in network.state_dict().items()
+        }
+        network.load_state_dict(state)
+        loss = DecomposedDQNLoss(network, components=("a", "b"))
+        loss.make_value_estimator(gamma=GAMMA)
+        torch.manual_seed(8)
+        found = loss(batch(network))
+        (found["loss_a"] + found["loss_b"]).backward()
+        gradients.append({n: p.grad for n, p in loss.named_parameters() if p.requires_grad})
+    whole, apart = gradients
+    assert set(apart) - set(whole) == {name for name in apart if ".ahead." in name.replace("_", ".")}
+    assert all(torch.allclose(apart[name], gradient, atol=1e-6) for name, gradient in whole.items())
+    assert any(bool(gradient.any()) for name, gradient in apart.items() if name not in whole)
 
 
 def test_what_does_not_go_together_is_refused() -> None:

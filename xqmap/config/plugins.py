@@ -8,8 +8,10 @@ A package offers a world by an entry point of the group ``xqmap.tasks`` (its nam
 
 from __future__ import annotations
 
+import hashlib
 import importlib
 import importlib.util
+import inspect
 import re
 from collections.abc import Iterator
 from functools import cache
@@ -142,6 +144,17 @@ def register() -> None:
     for name, target in _classes().items():
         if find("explain", "perception", f"{name}.yaml") is None:
             ConfigStore.instance().store(group="explain/perception", name=name, node={"_target_": target})
+
+
+def source_sha256(world: type) -> str:
+    """SHA-256 of the modules beside a world's own: what is played in it stays the same while these do."""
+    source = inspect.getsourcefile(world)
+    if source is None:
+        return ""
+    digest = hashlib.sha256()
+    for path in sorted(Path(source).parent.glob("*.py")):
+        digest.update(path.name.encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()
 
 
 def _points() -> Iterator[EntryPoint]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable
 
 import numpy as np
@@ -12,7 +13,7 @@ from tensordict.nn import TensorDictModuleBase
 from xqmap import keys
 from xqmap.envs.maniskill import ManiSkillEnv
 from xqmap.envs.protocol import Advised
-from xqmap.models.policy import random_action
+from xqmap.models.policy import GreedyPolicy, random_action
 
 Chooser = Callable[[TensorDictBase, ManiSkillEnv, torch.Generator], int]
 
@@ -25,6 +26,16 @@ def greedy(policy: TensorDictModuleBase) -> Chooser:
             return int(policy(state.select(keys.HEIGHTMAP, keys.ACTION_MASK))[keys.ACTION])
 
     return choose
+
+
+def out_of_context(policy: GreedyPolicy) -> Chooser:
+    """The policy's choice when its context says nothing: a control, of which no more can be expected than of someone
+    who looks at one object at a time.
+    """
+    blind = copy.deepcopy(policy)
+    for parameter in blind.qmaps.context.numbers.parameters():
+        parameter.data.zero_()
+    return greedy(blind)
 
 
 def random_pixel(state: TensorDictBase, env: ManiSkillEnv, generator: torch.Generator) -> int:

@@ -18,9 +18,10 @@ from xqmap import keys
 from xqmap.envs.episode import episode
 from xqmap.envs.maniskill import ManiSkillEnv
 from xqmap.envs.protocol import Solvable
-from xqmap.evaluation.baselines import Chooser, greedy, known_to
+from xqmap.evaluation.baselines import Chooser, greedy, known_to, out_of_context
 from xqmap.evaluation.optimum import Optimum
 from xqmap.evaluation.statistics import success
+from xqmap.models.policy import GreedyPolicy
 
 # Scenes of one run are this far apart, so that seeds 0 … 9999 never share one; training starts at TRAINING_SCENES.
 SCENES_APART = 10_000
@@ -125,6 +126,7 @@ def evaluate(
     baselines: bool,
     gamma: float = 0.0,
     weights: Sequence[float] = (),
+    controls: bool = False,
 ) -> dict[str, Any]:
     """The policy and, where asked for, the baselines on the same scenes.
 
@@ -140,12 +142,16 @@ def evaluate(
         baselines: whether the baselines play.
         gamma: discount per decision that the policy was trained with.
         weights: w_k of the world's components, in their order; read only where choices are held against Q*.
+        controls: whether a policy with a context also plays out of it.
 
     Returns:
         The part of ``evaluation.json`` that playing decides: ``runs``, ``success``, ``confusion`` (of the policy:
-        ``{chosen: {best: count}}``), ``baselines``.
+        ``{chosen: {best: count}}``), ``controls``, ``baselines``.
     """
-    choosers = {"policy": greedy(policy)} | (known_to(env, gamma) if baselines else {})
+    own = {"policy": greedy(policy)}
+    if controls and isinstance(policy, GreedyPolicy) and policy.qmaps.context is not None:
+        own["out of context"] = out_of_context(policy)
+    choosers = own | (known_to(env, gamma) if baselines else {})
     solved = gamma > 0 and isinstance(env.task, Solvable)
     table: dict[str, list[dict[str, Any]]] = {}
     pairs: Counter[tuple[str, str]] = Counter()
@@ -161,35 +167,40 @@ def evaluate(
     return {
         "runs": table["policy"],
         "success": success(table["policy"]),
+        **against_optimum(table["policy"]),
         "confusion": {
             chosen: {b: n for (c, b), n in sorted(pairs.items()) if c == chosen}
             for chosen in sorted({c for c, _ in pairs})
         },
-        "baselines": {
-            name: success(runs) | {"regret": _mean_regret(runs)} | against_optimum(runs)
-            for name, runs in table.items()
-            if name != "policy"
-        },
+        **({"controls": {name: _row(table[name]) for name in own if name != "policy"}} if len(own) > 1 else {}),
+        "baselines": {name: _row(runs) for name, runs in table.items() if name not in own},
     }
+
+
+def _row(runs: list[dict[str, Any]]) -> dict[str, Any]:
+    return success(runs) | {"regret": _mean_regret(runs)} | against_optimum(runs)
 
 
 def _mean_regret(runs: list[dict[str, Any]]) -> float:
     return sum(run["regret"] * run["choices"] for run in runs) / max(1, sum(run["choices"] for run in runs))
 
 
-def against_optimum(runs: list[dict[str, Any]]) -> dict[str, float]:
-    """The share of choices that Q* calls best, and return over optimum, of runs that were held against it."""
-    sums = {name: sum(run.get(name, 0) for run in runs) for name in ("asked", "optimal", "return", "optimum")}
-    found = {"optimal": sums["optimal"] / sums["asked"]} if sums["asked"] else {}
-    return found | ({"return": sums["return"] / sums["optimum"]} if sums["optimum"] else {})
+def against_optimum(runs: list[dict[str, Any]]) -> dict[str, Any]:
+    """Of runs that were held against Q*: ``optimal``, the choices that it calls best, counted as
+    :func:`~xqmap.evaluation.statistics.success` counts, and ``return_ratio``, return over optimum.
+    """
+    asked = [{"choices": run["asked"], "correct": run["optimal"]} for run in runs if run.get("asked")]
+    got, most = (sum(run.get(name, 0.0) for run in runs) for name in ("return", "optimum"))
+    return ({"optimal": success(asked)} if asked else {}) | ({"return_ratio": got / most} if most else {})
 
 
 def table(result: dict[str, Any]) -> str:
     """``evaluation.json`` as the lines a person reads."""
     own = against_optimum(result["runs"])
     rows = [(result["method"], result["success"] | own, _mean_regret(result["runs"]))]
-    rows += [(name, row, row["regret"]) for name, row in result["baselines"].items()]
-    further = {name: head for name, head in (("optimal", "best by Q*"), ("return", "÷ optimum")) if name in own}
+    others = result.get("controls", {}) | result["baselines"]
+    rows += [(name, row, row["regret"]) for name, row in others.items()]
+    further = {name: head for name, head in (("optimal", "best by Q*"), ("return_ratio", "÷ optimum")) if name in own}
     lines = [f"{result['task']}: best choices ÷ choices on {len(result['runs'])} seeds never trained on"]
     lines.append(f"{'':<15}{'best choices':>14}{'± over runs':>13}{'95 % interval':>19}{'choices':>9}{'regret':>9}")
     lines[-1] += "".join(f"{head:>12}" for head in further.values())
@@ -198,6 +209,12 @@ def table(result: dict[str, Any]) -> str:
         lines.append(
             f"{name:<15}{row['mean']:>13.1%} "
             f"{row['std']:>12.1%}{f'{low:.1%} – {high:.1%}':>19}{row['choices']:>9}{regret:>9.3f}"
-            + "".join(f"{row[name]:>12.1%}" if name in row else f"{'':>12}" for name in further)
+            + "".join(_share(row.get(name)) for name in further)
         )
     return "\n".join(lines)
+
+
+def _share(found: Any) -> str:
+    if found is None:
+        return f"{'':>12}"
+    return f"{found['mean'] if isinstance(found, dict) else found:>12.1%}"

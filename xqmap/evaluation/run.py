@@ -10,7 +10,7 @@ from typing import Any
 import torch
 from omegaconf import DictConfig, OmegaConf
 
-from xqmap.config import build, schema
+from xqmap.config import build, plugins, schema
 from xqmap.envs.maniskill import ManiSkillEnv
 from xqmap.errors import UserError
 from xqmap.evaluation import calibration, play
@@ -49,7 +49,8 @@ def evaluate_run(
         unplayed = settings.baselines and baselines is None
         seeds, gamma = list(settings.seeds), run.cfg.loss.gamma
         weights = schema.weights_in_order(run.cfg.task.weights, env.components)
-        played = play.evaluate(run.policy, env, seeds, settings.choices, until, unplayed, gamma, weights)
+        rules = settings.choices, until, unplayed, gamma, weights, settings.baselines
+        played = play.evaluate(run.policy, env, seeds, *rules)
         if baselines:
             played["baselines_from"], played["baselines"] = baselines
         if settings.calibration:
@@ -68,6 +69,7 @@ def evaluate_run(
         "decisions": run.decisions,
         "weights_sha256": run.sha256,
         "machine": machine(run, env),
+        "world_sha256": plugins.source_sha256(build.world(run.cfg)),
         "versions": checkpoint.versions(),
     }
     write_atomically(out, (json.dumps(result, indent=1) + "\n").encode())

@@ -10,6 +10,7 @@ from hydra.experimental.callback import Callback
 from omegaconf import DictConfig, OmegaConf
 from torch import Tensor
 
+from xqmap.config import build, plugins
 from xqmap.errors import UserError
 from xqmap.evaluation import results, sheets, tables
 from xqmap.evaluation.file import evaluation_file, read
@@ -17,6 +18,7 @@ from xqmap.evaluation.run import evaluate_run, settings_of
 from xqmap.evaluation.swept import differing, flat, shown
 from xqmap.files import write_atomically
 from xqmap.runs import checkpoint
+from xqmap.runs.places import PRETRAINED
 from xqmap.runs.run import Run, load_run, stored_settings
 from xqmap.terminal import one_line, say
 
@@ -82,7 +84,7 @@ def evaluate(cfg: DictConfig, directory: Path, again: bool) -> float:
         if played:
             say(f"{path} is complete: not played again")
         else:
-            known = None if again else baselines(directory.parent, run)
+            known = baselines(directory.parent, run)
             played = evaluate_run(run, run.cfg.evaluation, path, sheet, known)
         means.append(float(played["success"]["mean"]))
     return means[0]
@@ -94,16 +96,20 @@ def evaluated(path: Path, run: Run) -> dict[str, Any] | None:
     return content if content and content["weights_sha256"] == run.sha256 else None
 
 
-def baselines(sweep: Path, run: Run) -> tuple[str, dict[str, Any]] | None:
-    """What another job of the sweep found for the baselines in the same scenes, and in which file; None where none has
-    played them.
+def baselines(folder: Path, run: Run) -> tuple[str, dict[str, Any]] | None:
+    """What another run in ``folder``, or an agent that ships, found for the baselines in the same scenes of the same
+    world, and in which file; None where none has played them.
 
-    No policy changes them: played once, they stand in every job's evaluation.
+    No policy changes them: played once, they stand in every run's evaluation.
     """
-    for path in sorted(sweep.glob("*/evaluation*.json")):
+    shipped = sorted(PRETRAINED.glob("*/evaluation*.json"))
+    world = plugins.source_sha256(build.world(run.cfg))
+    for path in [*sorted(folder.glob("*/evaluation*.json")), *shipped]:
         content = _of_these_scenes(path, run)
-        if content and content["baselines"] and content["versions"] == checkpoint.versions():
-            return content.get("baselines_from", str(path.relative_to(sweep))), content["baselines"]
+        same = content and content["versions"] == checkpoint.versions() and content.get("world_sha256") == world
+        if content and same and content["baselines"]:
+            name = path.relative_to(PRETRAINED.parent if path in shipped else folder)
+            return content.get("baselines_from", str(name)), content["baselines"]
     return None
 
 

@@ -99,8 +99,8 @@ class QMaps(TensorDictModuleBase):
     @property
     def horizon(self) -> int:
         """How many of the next decisions are told apart in what follows; 0 where what follows is one part, or none."""
-        later = [unet.later for unet in self._unets()]
-        return later[0].value.out_channels - 1 if later and later[0] else 0
+        ahead = [unet.ahead for unet in self._unets()]
+        return ahead[0].value.out_channels if ahead and ahead[0] else 0
 
     def _unets(self) -> list[UNet]:
         return [unet for unet in self.unets if isinstance(unet, UNet)]
@@ -158,9 +158,8 @@ class QMaps(TensorDictModuleBase):
             return torch.cat([unet(image) for unet in self.unets], dim=1)
         whole, parts = self.context(heightmap), []
         for unet in self._unets():
-            assert unet.later is not None
             features = unet.features(image)
-            parts += [unet.value(features), self.gamma * unet.later(features, whole)]
+            parts += [unet.value(features), self.gamma * unet.following(features, whole)]
         return torch.cat(parts, 1)
 
     def joined(self, now: Tensor, later: Tensor | None) -> Tensor:

@@ -102,8 +102,7 @@ class UNet(nn.Module):
         width: channels of the first level; each level below has twice as many.
         depth: number of poolings; H and W must be multiples of 2 ** depth.
         context: numbers of a context by which a second head, :attr:`later`, is gated; 0 for none.
-        horizon: decisions ahead that the second head tells apart: it gives ``horizon + 1`` values, the last for all
-            that comes after.
+        horizon: next decisions that are told apart in what follows, by a third head, :attr:`ahead`.
 
     Shapes: ``[B, in_channels, H, W]`` → ``[B, 1, H, W]``.
     """
@@ -115,7 +114,8 @@ class UNet(nn.Module):
         self.encoder = nn.ModuleList(_block(a, b) for a, b in zip([in_channels, *widths[:-1]], widths, strict=True))
         self.decoder = nn.ModuleList(_block(widths[i + 1] + widths[i], widths[i]) for i in reversed(range(depth)))
         self.head = nn.Conv2d(width, 1, kernel_size=1)
-        self.later = GatedHead(width, context, horizon + 1) if context else None
+        self.later = GatedHead(width, context) if context else None
+        self.ahead = GatedHead(width, context, horizon) if context and horizon else None
 
     def forward(self, image: Tensor) -> Tensor:
         """``[B, in_channels, H, W]`` → ``[B, 1, H, W]``."""
@@ -127,6 +127,18 @@ class UNet(nn.Module):
         """
         with torch.autocast(features.device.type, enabled=False):
             return self.head(features.to(self.head.weight.dtype))
+
+    def following(self, features: Tensor, context: Tensor) -> Tensor:
+        """``[B, width, H, W]`` and ``[B, size]`` → ``[B, horizon + 1, H, W]``: what follows, of each of the next
+        decisions, and of all after them, which is what is left of the whole: telling apart changes nothing of what is
+        learned as a whole.
+        """
+        assert self.later is not None
+        later = self.later(features, context)
+        if self.ahead is None:
+            return later
+        ahead = self.ahead(features.detach(), context.detach())
+        return torch.cat((ahead, later - ahead.sum(1, keepdim=True)), 1)
 
     def features(self, image: Tensor) -> Tensor:
         """``[B, in_channels, H, W]`` → ``[B, width, H, W]``: what the value of each cell is made of."""

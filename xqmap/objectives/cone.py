@@ -170,7 +170,7 @@ def _valued(
     if network.context is None:
         return now, None
     whole = network.context(heightmap)
-    later = [unet.later(seen, whole).flatten(1) for unet, seen in zip(unets, features, strict=True) if unet.later]
+    later = [unet.following(seen, whole).flatten(1) for unet, seen in zip(unets, features, strict=True)]
     return now, torch.stack(later, 1)
 
 

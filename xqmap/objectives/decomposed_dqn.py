@@ -32,8 +32,8 @@ class DecomposedDQNLoss(LossModule):
 
     Q-Maps with a context have two parts, Q_k = now_k + γ · later_k: each learns its own, now_k the reward r_k and
     later_k what follows, (1 − terminated) Q̄_k(s', a⁺); the loss is the sum of both distances. Where later_k is told
-    apart by horizon, later_k = Σ_h F_k^h, each F_k^h learns what a⁺ is expected to pay h decisions on,
-    F_k^1 = now̄_k(s', a⁺) and F_k^h = γ F̄_k^{h−1}(s', a⁺), the last what is left; their distances are added.
+    apart by horizon, F_k^h, what the decision after h more is expected to pay, learns (1 − terminated) now̄_k(s', a⁺)
+    for h = 1 and (1 − terminated) γ F̄_k^{h−1}(s', a⁺) beyond; their distances are added.
 
     Values of :class:`~xqmap.models.qmaps.QMaps` at an action, and their gradients, are computed on the cells that they
     depend on (:mod:`xqmap.objectives.cone`); those of any other network are taken from all that it writes.
@@ -259,8 +259,8 @@ class DecomposedDQNLoss(LossModule):
             loss = distance_loss(now, reward, self.loss_function)
             expected = expected.to(value)
             loss = loss + distance_loss(later.sum(-1), expected.sum(-1), self.loss_function)
-            if later.shape[-1] > 1:
-                loss = loss + distance_loss(later, expected, self.loss_function).sum(-1)
+            # What comes after the horizon is what is left of the whole.
+            loss = loss + distance_loss(later, expected, self.loss_function)[..., :-1].sum(-1)
         if tensordict.get(k.priority_weight, None) is not None:
             loss = loss * inputs.numbers(tensordict, k.priority_weight).to(loss)[..., None]
         tensordict.set(k.priority, error.sum(-1))
