@@ -171,9 +171,16 @@ def weights_in_order(weights: Mapping[str, float], components: Sequence[str]) ->
     return [weights.get(name, 1.0) for name in components]
 
 
+def from_few(fewest: int, span: int | Sequence[int]) -> ListConfig:
+    """A span ``[low, high]``, or a single number, begun at ``fewest`` at the latest."""
+    low, high = (span, span) if isinstance(span, int) else span
+    return ListConfig([min(fewest, low), high])
+
+
 # What ``conf`` reckons with; at import, because settings travel to worker processes as they are.
 OmegaConf.register_new_resolver("range", lambda start, stop: list(range(start, stop)), replace=True)
 OmegaConf.register_new_resolver("in_order", weights_in_order, replace=True)
+OmegaConf.register_new_resolver("from_few", from_few, replace=True)
 
 
 def typed(cfg: DictConfig | ListConfig) -> DictConfig:
