@@ -15,7 +15,6 @@ from xqmap.explanations import Decision
 from xqmap.explanations.dialogue.conversation import excerpt, saved_conversation
 from xqmap.explanations.views import plots
 from xqmap.explanations.views.page import page
-from xqmap.explanations.views.sentences import why
 from xqmap.files import require_place, write_atomically
 from xqmap.runs.places import default_folder
 from xqmap.terminal import say
@@ -40,7 +39,7 @@ def explain(cfg: DictConfig) -> None:
     for decision in decisions:
         say(
             f"\nDecision {decision.step + 1}: {decision.selected.object}" if len(decisions) > 1 else "",
-            why(decision),
+            decision.why(),
             sep="\n",
         )
     say(f"\nwrote {len(written)} files to {out}: {', '.join(sorted({path.name for path in written}))}")
@@ -67,13 +66,10 @@ def decisions_of(cfg: DictConfig) -> list[Decision]:
     if cfg.decision is not None:
         return [Decision.load(cfg.decision)]
     # Torch and the rest take seconds, which a decision from a file need not wait for.
-    from xqmap.runs.decide import decide
     from xqmap.runs.run import load_run
 
     steps = cli.decisions(cfg)
-    if cfg.candidates not in ("pixel", "object"):
-        raise UserError(f"candidates={cfg.candidates} is neither pixel nor object")
-    return decide(load_run(cfg.run), cfg.scene_seed, steps, cfg.perception, cfg.candidates)
+    return load_run(cfg.run).episode(cfg.scene_seed, steps, cfg.perception, cfg.candidates)
 
 
 def write(decision: Decision, folder: Path) -> list[Path]:
@@ -82,7 +78,7 @@ def write(decision: Decision, folder: Path) -> list[Path]:
     html = page([decision], conversation(decision, folder))
     folder.mkdir(parents=True, exist_ok=True)
     written = [*decision.save(folder / "decision.json"), folder / "explanation.txt", folder / "explanation.html"]
-    write_atomically(folder / "explanation.txt", (why(decision) + "\n").encode())
+    write_atomically(folder / "explanation.txt", (decision.why() + "\n").encode())
     write_atomically(folder / "explanation.html", html.encode())
     if decision.maps is None:
         say("qmaps are not drawn: there are no maps (decision.npz) beside the decision file")

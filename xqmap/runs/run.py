@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
+from tensordict import TensorDictBase
 
+from xqmap import doctor, keys
 from xqmap.config import build, plugins, schema
+from xqmap.envs.episode import episode
+from xqmap.envs.maniskill import ManiSkillEnv
 from xqmap.errors import UserError
+from xqmap.explanations import Decision
 from xqmap.models.policy import GreedyPolicy
 from xqmap.runs import checkpoint
 from xqmap.runs.places import POLICY, home, locate
@@ -23,8 +29,15 @@ _SINCE = {"qnet": {"context": 0, "raised_height": 0.0}}
 
 @dataclass
 class Run:
-    """A training: its settings, its policy, its values' typical error by component, where it lies, and the decisions
-    learned from.
+    """A trained agent.
+
+    Attributes:
+        directory: where it lies, or where what is made from it belongs.
+        cfg: the settings of its training.
+        policy: what decides.
+        noise: its values' typical error, by component.
+        sha256: of its weights.
+        decisions: how many it learned from.
     """
 
     directory: Path
@@ -33,6 +46,85 @@ class Run:
     noise: dict[str, float]
     sha256: str
     decisions: int
+
+    def __repr__(self) -> str:
+        parts = ", ".join(map(str, self.cfg.method.components))
+        return f"<agent of {self.cfg.task.name}: {self.cfg.method.name} on {parts}, {self.decisions} decisions>"
+
+    def make_env(self, scene: int = 0) -> ManiSkillEnv:
+        """The world it was trained in, as a torchrl environment.
+
+        Args:
+            scene: seed of the first scene (0 to 9999 are scenes no training shows); each reset takes the next one.
+
+        Raises:
+            UserError: if nothing can be drawn here.
+        """
+        doctor.require_rendering(build.world(self.cfg))
+        return build.make_env(self.cfg, first_scene=scene)()
+
+    def decide(
+        self,
+        state: TensorDictBase,
+        env: ManiSkillEnv,
+        perception: str | Mapping[str, Any] = "simulator",
+        candidates: str = "pixel",
+        step: int = 0,
+    ) -> Decision:
+        """What it chooses in the present state of a world, and every number of it.
+
+        Args:
+            state: what ``reset`` or ``play`` of the world returned: ``heightmap``, ``action_mask``.
+            env: the world, in that state.
+            perception: what names the objects: a file of ``conf/explain/perception``, or its settings.
+            candidates: what A, B, … are the best of for one component alone: every ``"pixel"`` or every ``"object"``.
+            step: how many decisions of the episode went before.
+
+        Raises:
+            UserError: if a perception is not installed, ``candidates`` is neither, or the values are not finite.
+        """
+        named = plugins.perception(perception) if isinstance(perception, str) else perception
+        see = build.perception(OmegaConf.create(dict(named)))
+        return Decision.from_policy(
+            self.policy,
+            state,
+            see(state[keys.HEIGHTMAP].numpy(), env.grid, env.task),
+            task=self.cfg.task.name,
+            components=self.cfg.method.components,
+            level=candidates,
+            scene_seed=env.scene_seed,
+            step=step,
+            noise=self.noise,
+        )
+
+    def episode(
+        self,
+        scene: int = 0,
+        steps: int | None = 1,
+        perception: str | Mapping[str, Any] = "simulator",
+        candidates: str = "pixel",
+    ) -> list[Decision]:
+        """Its successive decisions in one scene, each carried out before the next.
+
+        Args:
+            scene: its seed.
+            steps: how many decisions at most; None for the whole episode.
+            perception: as in :meth:`decide`.
+            candidates: as in :meth:`decide`.
+        """
+        env = self.make_env(scene)
+        made: list[Decision] = []
+
+        def choose(state: TensorDictBase) -> int | None:
+            made.append(self.decide(state, env, perception, candidates, len(made)))
+            return None if len(made) == steps else env.cell(made[-1])
+
+        try:
+            for _ in episode(env, choose):
+                pass
+        finally:
+            env.close()
+        return made
 
 
 def load_run(place: str | Path) -> Run:

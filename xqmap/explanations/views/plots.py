@@ -18,7 +18,7 @@ from xqmap.explanations.candidate import SELECTED
 from xqmap.explanations.decision import Decision
 from xqmap.explanations.views.marks import mark
 from xqmap.explanations.views.sentences import number, signed
-from xqmap.explanations.views.style import PALETTE, drawing, rendered
+from xqmap.explanations.views.style import PALETTE, Picture, drawing, rendered
 from xqmap.files import write_atomically
 
 # Behind a number that a line may cross.
@@ -35,7 +35,9 @@ def qmaps(decision: Decision) -> Figure:
     with drawing():
         _require_maps(decision)
         panels, rows = _panels(decision)
-        figure = Figure(figsize=(_panel_width(decision) * panels, _panel_height(decision) * rows), layout="constrained")
+        figure = Picture(
+            figsize=(_panel_width(decision) * panels, _panel_height(decision) * rows), layout="constrained"
+        )
         _draw_maps(decision, figure)
         return figure
 
@@ -44,7 +46,7 @@ def values(decision: Decision) -> Figure:
     """Part 2a: the component values of every candidate, side by side, and their sum."""
     with drawing():
         width = max(3.6, len(decision.candidates) * (0.7 + 0.2 * len(decision.components)))
-        figure = Figure(figsize=(1.8 + width, 3.4), layout="constrained")
+        figure = Picture(figsize=(1.8 + width, 3.4), layout="constrained")
         axis = figure.subplots()
         _draw_values(decision, axis)
         _legend(decision, axis)
@@ -60,7 +62,7 @@ def rdx(decision: Decision) -> Figure:
         each = max(4, 40 // len(decision.components))
         rows = [pairs[i : i + each] for i in range(0, len(pairs), each)] or [[]]
         width = max(3.6, len(rows[0]) * (0.7 + 0.2 * len(decision.components)))
-        figure = Figure(figsize=(1.8 + width, 3.4 + 2.2 * (len(rows) - 1)), layout="constrained")
+        figure = Picture(figsize=(1.8 + width, 3.4 + 2.2 * (len(rows) - 1)), layout="constrained")
         axes = figure.subplots(len(rows), 1, sharey=True, squeeze=False)
         for axis, row in zip(axes[:, 0], rows, strict=True):
             _draw_rdx(decision, axis, row)
@@ -84,7 +86,7 @@ def bars(decision: Decision) -> Figure:
         ['Values of each candidate', 'Differences (RDX): above zero speaks for the first']
     """
     with drawing():
-        figure = Figure(figsize=_bars_size(decision), layout="constrained")
+        figure = Picture(figsize=_bars_size(decision), layout="constrained")
         _draw_bars(decision, figure)
         return figure
 
@@ -108,7 +110,7 @@ def overview(decision: Decision, dialogue: list[tuple[str, str]] | None = None) 
             (title, 0.45 + 0.19 * sum(1 + line.count("\n") for line in lines))
             for title, lines in zip(titles, wrapped, strict=False)
         ]
-        figure = Figure(figsize=(width, sum(height for _, height in parts)), layout="constrained")
+        figure = Picture(figsize=(width, sum(height for _, height in parts)), layout="constrained")
         made = figure.subfigures(len(parts), 1, height_ratios=[height for _, height in parts], squeeze=False)[:, 0]
         drawn = list(made)
         for part, (title, _) in zip(made, parts, strict=True):
@@ -131,7 +133,7 @@ def overview(decision: Decision, dialogue: list[tuple[str, str]] | None = None) 
 def over_time(decisions: Sequence[Decision]) -> Figure:
     """How the values of what was chosen move over an episode: one line per component, and their sum."""
     with drawing():
-        figure = Figure(figsize=(max(6.0, 1.8 + 0.62 * len(decisions)), 3.2), layout="constrained")
+        figure = Picture(figsize=(max(6.0, 1.8 + 0.62 * len(decisions)), 3.2), layout="constrained")
         axis = figure.subplots()
         steps = [decision.step + 1 for decision in decisions]
         first = decisions[0]
