@@ -57,6 +57,15 @@ def test_a_network_of_ones_own(capsys: pytest.CaptureFixture[str]) -> None:
     ] == []
 
 
+def test_values_of_any_agent(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    exec(PAGES["own_networks"].python("Decision.from_values("), {})
+    assert "rather than the step left (A)" in capsys.readouterr().out
+    assert Decision.load(tmp_path / "choice" / "decision.json").selected.object == "step right"
+
+
 def test_the_decision_of_another_program(tmp_path: Path) -> None:
     (content,) = [block.text for block in PAGES["own_networks"].blocks if block.language == "json"]
     (tmp_path / "decision.json").write_text(content)

@@ -168,7 +168,7 @@ def save(figure: Figure, path: Path) -> list[Path]:
 
 def _require_maps(decision: Decision) -> np.ndarray:
     if decision.maps is None or decision.heightmap is None:
-        raise ValueError("this decision was read from a file without maps: there are none to draw")
+        raise ValueError("this decision has no maps to draw: it is of actions, or of a file without them")
     return decision.maps
 
 
