@@ -19,6 +19,8 @@ from xqmap.files import require_place, write_atomically
 from xqmap.runs.places import default_folder
 from xqmap.terminal import say
 
+_SIMULATOR = "xqmap.explanations.perception.Simulator"
+
 
 def explain(cfg: DictConfig) -> None:
     """Builds or reads the decision, then writes every view of it to ``cfg.out``; of several, each into a folder of its
@@ -54,6 +56,8 @@ def place(cfg: DictConfig) -> Path:
     """
     if cfg.decision is not None and cfg.run is not None:
         raise UserError("give either run=DIR or decision=FILE.json, not both")
+    if cfg.images is not None and cfg.run is None:
+        raise UserError("images=PLACE needs an agent to decide on them: give run=DIR, too")
     if cfg.decision is None and cfg.run is None:
         raise UserError("nothing to explain: give run=DIR scene_seed=N, or decision=FILE.json")
     out = Path(cfg.out) if cfg.out else default_folder(cfg, "explanation")
@@ -68,8 +72,12 @@ def decisions_of(cfg: DictConfig) -> list[Decision]:
     # Torch and the rest take seconds, which a decision from a file need not wait for.
     from xqmap.runs.run import load_run
 
-    steps = cli.decisions(cfg)
-    return load_run(cfg.run).episode(cfg.scene_seed, steps, cfg.perception, cfg.candidates)
+    steps, run = cli.decisions(cfg), load_run(cfg.run)
+    if cfg.images is not None:
+        # Of pictures no simulator knows what lies where.
+        see = None if cfg.perception.get("_target_") == _SIMULATOR else cfg.perception
+        return [run.decide_images(cfg.images, cfg.table, see, cfg.candidates, cfg.depth_unit, cfg.camera_axes)]
+    return run.episode(cfg.scene_seed, steps, cfg.perception, cfg.candidates)
 
 
 def write(decision: Decision, folder: Path) -> list[Path]:
