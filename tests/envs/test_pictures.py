@@ -11,8 +11,10 @@ import pytest
 from PIL import Image
 
 import xqmap
+from tests.commands import call
 from xqmap.envs import pictures
 from xqmap.errors import UserError
+from xqmap.runs.places import PRETRAINED
 
 RAVENS = Path(__file__).parents[2].parent / "shared" / "data" / "ravens_scene_dev.npz"
 # A camera straight above the middle of a table of 0.4 m, with a cube of 4 cm on it.
@@ -155,6 +157,21 @@ def test_an_agent_decides_on_them_and_says_why(tmp_path: Path, capsys: pytest.Ca
     assert decision.scene_seed is None
     said = capsys.readouterr().err
     assert "careful: the pictures name cells of 0.005 m, the agent knows 0.003125 m" in said
+
+
+@pytest.mark.parametrize("command", ["explain", "chat"])
+def test_the_commands_take_them(command: str, tmp_path: Path) -> None:
+    kept(tmp_path, **scene())
+    asked = ["question=Why this one?"] if command == "chat" else []
+    told = [f"run={PRETRAINED / 'grasping'}", "images=scene.npz", "table=0.01", *asked]
+    done = call(command, *told, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "I chose to pick the blue cube" in done.stdout
+    assert "careful: the table lies at" in done.stderr
+    assert (tmp_path / "figures" / "scene" / "explanation.html").exists()
+    done = call(command, "images=scene.npz", cwd=tmp_path)
+    assert done.returncode == 1
+    assert "give run=DIR, too" in done.stderr
 
 
 @pytest.mark.skipif(not RAVENS.exists(), reason="the scene of Ravens is not here")
