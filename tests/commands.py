@@ -21,7 +21,7 @@ _IMPORTED = (
     "xqmap.explanations.dialogue.scoring",
     "xqmap.explanations.views.page",
     "xqmap.reports.page",
-    "xqmap.runs.decide",
+    "xqmap.runs.run",
     "xqmap.trainers.training",
     "xqmap_tasks.grasping",
     "xqmap_tasks.landing",

@@ -17,7 +17,7 @@ try:
 except RuntimeError:
     os.environ["HOME"] = "/nonexistent"
 
-__all__ = ["ask", "decide", "learn", "load", "make_env", "play", "rewards", "settings", "show", "why"]
+__all__ = ["load", "make_env", "settings", "train"]
 
 
 def __getattr__(name: str) -> Any:

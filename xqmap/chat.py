@@ -14,7 +14,7 @@ from xqmap.explanations.dialogue import scoring
 from xqmap.explanations.dialogue.conversation import Dialogue, Exchange, scene_line, system_prompt
 from xqmap.explanations.dialogue.llm import language_model
 from xqmap.explanations.views.page import page
-from xqmap.explanations.views.sentences import wording_for
+from xqmap.explanations.views.sentences import wording_of
 from xqmap.files import write_atomically
 from xqmap.terminal import say
 
@@ -24,7 +24,7 @@ def chat(cfg: DictConfig) -> None:
     questions = scoring.read(Path(cfg.questions)) if cfg.questions is not None else []
     model, folder = language_model(cfg.llm), place(cfg)
     decision = decisions_of(cfg)[-1]
-    dialogue = Dialogue(decision, wording_for(decision.task), model)
+    dialogue = Dialogue(decision, wording_of(decision), model)
     if cfg.show_prompt:
         say(system_prompt(decision, dialogue.words), scene_line(decision), sep="\n\n", end="\n\n")
     if questions:

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 
 from omegaconf import DictConfig
 
@@ -16,9 +17,15 @@ from xqmap.config import cli
 from xqmap.errors import UserError
 from xqmap.terminal import say
 
+# A checkout has what sets a machine up; an installed package has not.
+_CHECKOUT = (Path(__file__).parents[1] / "Makefile").exists()
 FIX_VULKAN = (
     "run 'make setup' (it installs Mesa's CPU driver), or install a Vulkan driver: Mesa lavapipe 24.3 or newer does"
+    if _CHECKOUT
+    else "as root, 'apt-get update' and 'apt-get install -y mesa-vulkan-drivers libvulkan1' (on Debian 12 with "
+    "'-t bookworm-backports'), or install another Vulkan driver: Mesa lavapipe 24.3 or newer does"
 )
+_FIX_PACKAGES = "run 'make setup'" if _CHECKOUT else "pip install 'xqmap[sim]'"
 # Draws one frame in a process of its own, because a broken driver ends the process instead of raising.
 _FRAME = """
 import numpy, sapien
@@ -74,7 +81,7 @@ def packages() -> Finding:
         except PackageNotFoundError:
             missing.append(name)
     if missing:
-        return Finding("packages", False, f"{', '.join(missing)} not installed: run 'make setup'")
+        return Finding("packages", False, f"{', '.join(missing)} not installed: {_FIX_PACKAGES}")
     return Finding("packages", True, ", ".join(found))
 
 

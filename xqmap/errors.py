@@ -2,6 +2,9 @@
 
 from xqmap.terminal import one_line
 
+# The environment variable that has commands show where an error came from.
+TRACEBACK = "XQMAP_TRACEBACK"
+
 
 class UserError(Exception):
     """A mistake that the user can mend: the message is one line that names the setting (or file) and the fix."""

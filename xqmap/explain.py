@@ -15,10 +15,11 @@ from xqmap.explanations import Decision
 from xqmap.explanations.dialogue.conversation import excerpt, saved_conversation
 from xqmap.explanations.views import plots
 from xqmap.explanations.views.page import page
-from xqmap.explanations.views.sentences import why
 from xqmap.files import require_place, write_atomically
 from xqmap.runs.places import default_folder
 from xqmap.terminal import say
+
+_SIMULATOR = "xqmap.explanations.perception.Simulator"
 
 
 def explain(cfg: DictConfig) -> None:
@@ -40,7 +41,7 @@ def explain(cfg: DictConfig) -> None:
     for decision in decisions:
         say(
             f"\nDecision {decision.step + 1}: {decision.selected.object}" if len(decisions) > 1 else "",
-            why(decision),
+            decision.why(),
             sep="\n",
         )
     say(f"\nwrote {len(written)} files to {out}: {', '.join(sorted({path.name for path in written}))}")
@@ -55,6 +56,8 @@ def place(cfg: DictConfig) -> Path:
     """
     if cfg.decision is not None and cfg.run is not None:
         raise UserError("give either run=DIR or decision=FILE.json, not both")
+    if cfg.images is not None and cfg.run is None:
+        raise UserError("images=PLACE needs an agent to decide on them: give run=DIR, too")
     if cfg.decision is None and cfg.run is None:
         raise UserError("nothing to explain: give run=DIR scene_seed=N, or decision=FILE.json")
     out = Path(cfg.out) if cfg.out else default_folder(cfg, "explanation")
@@ -69,16 +72,18 @@ def decisions_of(cfg: DictConfig) -> list[Decision]:
             raise UserError("rollouts needs a run and its world: give run=DIR scene_seed=N instead of decision=")
         return [Decision.load(cfg.decision)]
     # Torch and the rest take seconds, which a decision from a file need not wait for.
-    from xqmap.runs.decide import decide
     from xqmap.runs.run import load_run
 
-    steps = cli.decisions(cfg)
-    if cfg.candidates not in ("pixel", "object"):
-        raise UserError(f"candidates={cfg.candidates} is neither pixel nor object")
     if not isinstance(cfg.rollouts, int) or not 0 <= cfg.rollouts <= 100:
         raise UserError(f"rollouts={cfg.rollouts} must be a whole number from 0 to 100")
-    run = load_run(cfg.run)
-    decisions = decide(run, cfg.scene_seed, steps, cfg.perception, cfg.candidates)
+    steps, run = cli.decisions(cfg), load_run(cfg.run)
+    if cfg.images is not None:
+        if cfg.rollouts:
+            raise UserError("rollouts needs the run's own world: leave images away")
+        # Of pictures no simulator knows what lies where.
+        see = None if cfg.perception.get("_target_") == _SIMULATOR else cfg.perception
+        return [run.decide_images(cfg.images, cfg.table, see, cfg.candidates, cfg.depth_unit, cfg.camera_axes)]
+    decisions = run.episode(cfg.scene_seed, steps, cfg.perception, cfg.candidates)
     if cfg.rollouts:
         from xqmap.runs import futures
 
@@ -92,7 +97,7 @@ def write(decision: Decision, folder: Path) -> list[Path]:
     html = page([decision], conversation(decision, folder))
     folder.mkdir(parents=True, exist_ok=True)
     written = [*decision.save(folder / "decision.json"), folder / "explanation.txt", folder / "explanation.html"]
-    write_atomically(folder / "explanation.txt", (why(decision) + "\n").encode())
+    write_atomically(folder / "explanation.txt", (decision.why() + "\n").encode())
     write_atomically(folder / "explanation.html", html.encode())
     if decision.maps is None:
         say("qmaps are not drawn: there are no maps (decision.npz) beside the decision file")

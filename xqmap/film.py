@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -12,8 +13,7 @@ import torch
 from omegaconf import DictConfig, OmegaConf
 from tqdm import tqdm
 
-from xqmap import doctor
-from xqmap.config import build, cli
+from xqmap.config import cli
 from xqmap.envs.episode import episode
 from xqmap.errors import UserError
 from xqmap.evaluation.baselines import greedy
@@ -30,10 +30,9 @@ def film(cfg: DictConfig) -> None:
     if out.suffix != ".mp4":
         raise UserError(f"out={out} must end with .mp4")
     require_place(out)
-    doctor.require_rendering(build.world(run.cfg))
     settings = OmegaConf.merge(run.cfg, {"task": {"env": {"render_mode": "rgb_array"}}})
     assert isinstance(settings, DictConfig)
-    env = build.make_env(settings, first_scene=cfg.scene_seed)()
+    env = dataclasses.replace(run, cfg=settings).make_env(cfg.scene_seed)
     choose = greedy(run.policy)
     made, frames, video = 0, 0, None
     try:

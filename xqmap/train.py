@@ -6,19 +6,17 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
-import torch
 from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 
-from xqmap import doctor
-from xqmap.config import arguments, build, cli, schema
-from xqmap.errors import UserError
-from xqmap.evaluation import sheets, sweeps
-from xqmap.runs import checkpoint, locks
-from xqmap.runs.run import stored_settings
+from xqmap.config import arguments, cli
+from xqmap.evaluation import sweeps
+from xqmap.runs import begin, checkpoint, locks
+from xqmap.runs.run import Run, stored_settings
 from xqmap.terminal import say
 
 
@@ -40,16 +38,9 @@ def train(cfg: DictConfig) -> float:
             saved = checkpoint.read_training(place)
             cfg = stored_settings(saved[1], place)
             say(f"going on with {directory} from decision {saved[1].get('frames')}")
-        elif not sweep and ((directory / checkpoint.POLICY).exists() or checkpoint.trainings(directory)):
-            raise UserError(
-                f"{directory} already holds a run: choose another hydra.run.dir or go on with "
-                + arguments.setting("resume", directory)
-            )
-        schema.validate(cfg)
-        sheets.chosen(cfg.task.name, cfg.sheets)
-        doctor.require_rendering(build.world(cfg))
-        if cfg.threads:
-            torch.set_num_threads(cfg.threads)
+        elif not sweep:
+            begin.require_new(directory, "hydra.run.dir")
+        begin.require_ready(cfg)
         if sweep:
             say(f"job {HydraConfig.get().job.num}: {directory}")
             saved = sweeps.saved(directory, cfg)
@@ -67,6 +58,16 @@ def _left_by_hydra(cfg: DictConfig) -> dict[str, Any]:
     return {"config": cfg, "hydra": OmegaConf.create({"hydra": hydra}), "overrides": hydra.overrides.task}
 
 
+class _Callable(ModuleType):
+    """Python calls a module that was imported by its package's name for it: ``xqmap.train(...)`` means the function."""
+
+    def __call__(self, *changes: Any, **named: Any) -> Run:
+        from xqmap import api  # which a command does not need
+
+        return api.train(*changes, **named)
+
+
+sys.modules[__name__].__class__ = _Callable
 main = cli.main("config")(train)
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import shlex
 import sys
 from pathlib import Path
@@ -12,9 +13,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from omegaconf import DictConfig, OmegaConf
 
-from xqmap import train
 from xqmap.config import arguments, cli
 from xqmap.errors import UserError
+
+# The name of the module is that of a function of the package.
+train = importlib.import_module("xqmap.train")
 
 _PARSER = OverridesParser.create()
 _SIGNS = st.text(st.sampled_from("\\${}'\"a =:,.()[]\n?#;|&<>*~!é"), max_size=12)

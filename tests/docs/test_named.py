@@ -59,7 +59,7 @@ def _settings() -> Iterator[DictConfig]:
     for task in ("landing", "grasping"):
         yield composed("train", f"+task={task}", "sheets=[]")
     yield composed("chat", "llm=openai")
-    for command in ("evaluate", "explain", "film", "report", "bench", "doctor"):
+    for command in ("evaluate", "explain", "export", "film", "report", "bench", "doctor"):
         yield composed(command)
     yield composed("train", "+task=landing", "hydra/launcher=slurm")
 
@@ -111,6 +111,8 @@ FILES = (
     ".safetensors",
     ".cff",
     ".mp4",
+    ".pt2",
+    ".onnx",
 )
 
 

@@ -19,9 +19,8 @@ TEN_LINES = textwrap.dedent(str(api.__doc__).split("\n\n", 1)[1]).strip()
 
 def test_the_ten_lines_are_those_that_are_run() -> None:
     # tests/test_api.py runs them.
-    assert PAGES["python"].python("xqmap.play(").strip() == TEN_LINES
-    assert README.python("xqmap.play(").strip() == TEN_LINES
-    assert len(TEN_LINES.split("\n\n", 1)[1].splitlines()) <= 10
+    assert PAGES["python"].python("env.play(").strip() == TEN_LINES
+    assert README.python("env.play(").strip() == TEN_LINES
 
 
 def test_what_import_xqmap_offers_is_listed() -> None:
@@ -58,18 +57,27 @@ def test_a_network_of_ones_own(capsys: pytest.CaptureFixture[str]) -> None:
     ] == []
 
 
+def test_values_of_any_agent(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    exec(PAGES["own_networks"].python("Decision.from_values("), {})
+    assert "rather than the step left (A)" in capsys.readouterr().out
+    assert Decision.load(tmp_path / "choice" / "decision.json").selected.object == "step right"
+
+
 def test_the_decision_of_another_program(tmp_path: Path) -> None:
     (content,) = [block.text for block in PAGES["own_networks"].blocks if block.language == "json"]
     (tmp_path / "decision.json").write_text(content)
     decision = Decision.load(tmp_path / "decision.json")
-    assert "bay 3" in xqmap.why(decision)
-    assert "bay 1" in xqmap.ask(decision, "Why not A?")
+    assert "bay 3" in decision.why()
+    assert "bay 1" in decision.ask("Why not A?")
 
 
 @pytest.mark.sim
 def test_train_then_ask(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.chdir(tmp_path)
-    example = PAGES["python"].python("xqmap.learn(").replace('"landing"', '"toy"')
-    exec(example.replace('"trainer=smoke"', '"trainer=smoke", "logger.mode=disabled"'), {})
+    example = PAGES["python"].python('trainer="smoke"').replace('"landing"', '"toy"')
+    exec(example.replace('trainer="smoke"', 'trainer="smoke", mode="disabled"'), {})
     assert "I chose" in capsys.readouterr().out
     assert (tmp_path / "runs" / "mine" / "checkpoint" / "policy.safetensors").exists()

@@ -28,7 +28,6 @@ from xqmap.explanations import Candidate, Decision
 from xqmap.reports import curves, offline
 from xqmap.reports.runs import Run, gather
 from xqmap.runs import locks
-from xqmap.runs.decide import decide
 from xqmap.runs.run import load_run
 from xqmap.trainers.callbacks import make_trainer
 
@@ -63,7 +62,7 @@ def sweep(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
                 (directory / "evaluation.json").write_text(json.dumps(result | extra))
         run = load_run(root / f"{task}-xqmap-0")
         perception = OmegaConf.create({"_target_": "xqmap.explanations.perception.Simulator"})
-        explain.write(decide(run, 5, 1, perception)[0], run.directory / "figures" / "scene5")
+        explain.write(run.episode(5, 1, perception)[0], run.directory / "figures" / "scene5")
     yield root
 
 

@@ -15,7 +15,6 @@ from xqmap.config import build
 from xqmap.envs.episode import episode
 from xqmap.models.policy import GreedyPolicy
 from xqmap.runs import futures
-from xqmap.runs.decide import cell, decide
 from xqmap.runs.run import Run
 
 GAMMA = 0.5
@@ -45,14 +44,14 @@ def by_hand(run: Run, actions: list[int], policy: TensorDictModuleBase) -> list[
 
 
 def test_each_candidate_is_carried_out_and_gone_on_with(run: Run) -> None:
-    decisions = decide(run, 5, None, PERCEPTION)
+    decisions = run.episode(5, None, PERCEPTION)
     assert len(decisions) == 2
     # Somewhere that pays, whatever the untrained maps like.
     for decision, pixel in zip(decisions, ((3, 3), (11, 7)), strict=True):
         decision.candidates[1] = decision.at(pixel, "A")
     futures.play(run, decisions, times=2)
     env = build.make_env(run.cfg, first_scene=5)()
-    first = cell(decisions[0], env)
+    first = env.cell(decisions[0])
     for i, before in enumerate(([], [first])):
         for candidate in decisions[i].candidates:
             assert candidate.pixel is not None

@@ -38,7 +38,7 @@ def imported(folder: str) -> set[str]:
 
 
 def test_the_framework_imports_what_it_declares_and_no_simulator() -> None:
-    assert imported("xqmap") <= BASE | EXTRAS["llm"] | EXTRAS["ray"] | EXTRAS["dev"]
+    assert imported("xqmap") <= BASE | EXTRAS["llm"] | EXTRAS["ray"] | EXTRAS["onnx"] | EXTRAS["dev"]
 
 
 def test_the_worlds_import_what_the_extra_sim_declares() -> None:

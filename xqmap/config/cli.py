@@ -8,6 +8,7 @@ import logging
 import os
 import signal
 import sys
+import traceback
 from collections.abc import Callable
 from pathlib import Path
 from types import FrameType
@@ -22,7 +23,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from xqmap import launch
 from xqmap.config import arguments, plugins, schema
-from xqmap.errors import Stopped, UserError
+from xqmap.errors import TRACEBACK, Stopped, UserError
 from xqmap.terminal import endure, one_line, say
 
 # Hydra's own short message would be followed by advice to set this, whatever it is set to; we print one line ourselves.
@@ -80,6 +81,8 @@ def main(config_name: str) -> Callable[[Callable[[DictConfig], Any]], Callable[[
                 # makes it.
                 if not (line := told(error) if composed else told(error) or mistake(error)):
                     raise
+                if os.environ.get(TRACEBACK):
+                    say("".join(traceback.format_exception(error)), to=sys.stderr)
                 sys.exit(one_line(f"error: {line}"))
 
         return program

@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from types import FrameType
 
 from xqmap.envs import watchdog
-from xqmap.errors import UserError, WorldError, brief
+from xqmap.errors import TRACEBACK, UserError, WorldError, brief
 
 # Code that no Python signal handler can interrupt is ended with its process, this many seconds after the limit.
 _GRACE = 10.0
@@ -94,7 +94,10 @@ def guarded(where: str, limit: float | None) -> Iterator[None]:
     except UserError:
         raise
     except Exception as error:
-        raise WorldError(f"the simulator failed in {where} ({type(error).__name__}: {brief(error, 300)})") from error
+        raise WorldError(
+            f"the simulator failed in {where} ({type(error).__name__}: {brief(error, 300)}); "
+            f"{TRACEBACK}=1 shows its traceback"
+        ) from error
     finally:
         if timed and limit is not None:
             _watch.end()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
@@ -18,6 +18,9 @@ from xqmap.envs.guard import guarded
 from xqmap.envs.heightmap import PixelGrid, heightmap, metres
 from xqmap.envs.protocol import Task
 from xqmap.errors import UserError, WorldError
+
+if TYPE_CHECKING:
+    from xqmap.explanations import Decision
 
 # How far R may be from Σ w_k r_k: what single precision rounds, and no more.
 _SAME_SUM = 1e-4
@@ -104,6 +107,35 @@ class ManiSkillEnv(EnvBase):
         rows, columns = self.grid.shape
         row, column = self.grid.to_pixel(torch.as_tensor(np.asarray(point), dtype=torch.float64)).tolist()
         return min(max(row, 0), rows - 1) * columns + min(max(column, 0), columns - 1)
+
+    def cell(self, decision: Decision) -> int:
+        """The action that a decision chose, row · W + column.
+
+        Raises:
+            UserError: if it chose no cell of a map.
+        """
+        if decision.selected.pixel is None:
+            raise UserError("this decision chose no cell of a map: play one of the cells, row · W + column")
+        row, column = decision.selected.pixel
+        return row * self.grid.shape[1] + column
+
+    def play(self, state: TensorDictBase, action: Decision | int) -> TensorDictBase:
+        """Carries an action out.
+
+        Args:
+            state: the present one.
+            action: a decision, whose choice is played; or a cell, row · W + column.
+
+        Returns:
+            The state after it, with ``reward``, ``reward_components`` and ``done``.
+        """
+        chosen = action if isinstance(action, int) else self.cell(action)
+        after: TensorDictBase = self.step(state.clone(False).set(keys.ACTION, torch.tensor(chosen)))["next"]
+        return after
+
+    def rewards(self, state: TensorDictBase) -> dict[str, float]:
+        """What the action before ``state`` was paid, by component."""
+        return dict(zip(self.components, state[keys.REWARD_COMPONENTS].tolist(), strict=True))
 
     def _grid(self) -> PixelGrid:
         return PixelGrid(np.asarray(self.task.workspace_bounds).tolist(), self.task.pixel_size)

@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -95,7 +95,7 @@ class Decision:
         scene_seed: int | None = None,
         step: int = 0,
         noise: dict[str, float] | None = None,
-    ) -> Decision:
+    ) -> Self:
         """Builds the decision a policy takes in a state.
 
         Args:
@@ -112,8 +112,10 @@ class Decision:
             noise: typical error by component.
 
         Raises:
-            UserError: if the maps are not finite.
+            UserError: if the maps are not finite, or ``level`` is neither.
         """
+        if level not in ("pixel", "object"):
+            raise UserError(f"candidates={level} is neither pixel nor object")
         # It takes seconds, which a decision from a file need not wait for.
         import torch
 
@@ -132,7 +134,8 @@ class Decision:
             )
         shape = len(names), *heightmap.shape[-2:]
         limited = np.where(allowed, maps, np.nan).reshape(shape)
-        parts = limited[:, None] if policy.qmaps.gamma == 0 else None
+        # Where nothing follows, all is paid now.
+        parts = limited[:, None] if getattr(policy.qmaps, "gamma", None) == 0 else None
         if told is not None:
             parts = (told * weights[..., None]).cpu().double().numpy().reshape(len(names), -1, *shape[1:])
         decision = cls(task, names, [], scene_seed, step, [], noise or {}, heightmap, limited, scene, parts)
@@ -300,7 +303,7 @@ class Decision:
         return files.save(self, Path(path), wording)
 
     @classmethod
-    def load(cls, path: str | Path) -> Decision:
+    def load(cls, path: str | Path) -> Self:
         """Reads a decision file, and the maps beside it; what can be derived is derived, whatever the file says of it.
 
         Raises:

@@ -4,6 +4,7 @@ makes a Scene.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Protocol
@@ -61,6 +62,9 @@ class Vision:
             that fits the region), ``hollow`` (how far the middle lies below the rim, m) and ``extent`` (longest side,
             m) from above by ``max_*`` and from below by ``min_*``.
         order: how a name is put together from ``{color}`` and ``{shape}``.
+        unlike: how far a color's hue (a and b of CIE L*a*b*, at the lightness of the palette's) may be from the
+            nearest one's; beyond, it is of no known color. Without it any
+            color is its nearest.
     """
 
     def __init__(
@@ -73,10 +77,12 @@ class Vision:
         whole_first: bool,
         shapes: Mapping[str, Mapping[str, float]],
         order: str,
+        unlike: float = math.inf,
     ) -> None:
         self.background, self.raised, self.smallest, self.edge = background, raised, smallest, edge
         self.colors = list(palette)
-        self.palette = lab(np.array([palette[name] for name in self.colors], dtype=float))
+        self.paints = np.array([palette[name] for name in self.colors], dtype=float)
+        self.palette, self.unlike = lab(self.paints), unlike
         self.whole_first, self.shapes, self.order = whole_first, shapes, order
 
     def __call__(self, heightmap: np.ndarray, grid: PixelGrid, task: Any) -> Scene:
@@ -112,15 +118,19 @@ class Vision:
     def _name(
         self, color: np.ndarray, height: np.ndarray, inside: np.ndarray, whole: np.ndarray, pixel_size: float
     ) -> str:
-        shade = lab(np.median(color, axis=1)[None])[0]
-        # Lightness says more of the lamp than of the paint.
-        nearest = int(np.argmin(((self.palette - shade) ** 2 * (0.1, 1, 1)).sum(-1)))
+        known = self._color(np.median(color, axis=1))
         shape = self._shape(height, inside, whole, pixel_size)
-        return (
-            self.order.format(color=self.colors[nearest], shape=shape)
-            if shape is not None
-            else f"{self.colors[nearest]} object"
-        )
+        name = self.order.format(color=known or "", shape=shape) if shape is not None else f"{known or ''} object"
+        return name if known else f"{name.strip()} of no known color"
+
+    def _color(self, seen: np.ndarray) -> str | None:
+        """The nearest color of the palette to red, green, blue (0–255); None if it is none of them."""
+        # Lightness says more of the lamp than of the paint.
+        nearest = int(np.argmin(((self.palette - lab(seen[None])[0]) ** 2 * (0.1, 1, 1)).sum(-1)))
+        light = np.clip(_luminance(self.paints[nearest]) / max(_luminance(seen), 1e-3), 0, 20)
+        # As if the lamp were such that both are equally light.
+        hue = lab(255 * (light * (seen / 255) ** 2.2)[None] ** (1 / 2.2))[0, 1:]
+        return self.colors[nearest] if math.dist(hue, self.palette[nearest, 1:]) <= self.unlike else None
 
     def _shape(self, height: np.ndarray, inside: np.ndarray, whole: np.ndarray, pixel_size: float) -> str | None:
         """The first shape whose rules hold: of the plane through the cells ``inside``, and of the heights of the
@@ -142,6 +152,10 @@ class Vision:
 def _holds(rule: str, limit: float, features: dict[str, float]) -> bool:
     side, _, name = rule.partition("_")
     return features[name] <= limit if side == "max" else features[name] >= limit
+
+
+def _luminance(rgb: np.ndarray) -> float:
+    return float((0.2126, 0.7152, 0.0722) @ (rgb / 255) ** 2.2)
 
 
 def lab(rgb: np.ndarray) -> np.ndarray:

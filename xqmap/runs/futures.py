@@ -9,13 +9,11 @@ from tensordict import TensorDictBase
 from tqdm import tqdm
 
 from xqmap import keys
-from xqmap.config import build
 from xqmap.data.symmetry import elements
 from xqmap.envs.episode import episode
 from xqmap.envs.maniskill import ManiSkillEnv
 from xqmap.explanations import Decision
 from xqmap.models.policy import masked_argmax
-from xqmap.runs.decide import cell
 from xqmap.runs.run import Run
 
 
@@ -31,7 +29,7 @@ def play(run: Run, decisions: Sequence[Decision], times: int) -> None:
         decisions: the successive decisions of one episode, from its beginning.
         times: copies of the world for each candidate.
     """
-    env = build.make_env(run.cfg, first_scene=0)()
+    env = run.make_env()
     plan = [
         (i, candidate, copy)
         for i, decision in enumerate(decisions)
@@ -42,7 +40,7 @@ def play(run: Run, decisions: Sequence[Decision], times: int) -> None:
         for i, candidate, copy in tqdm(plan, unit="future", desc="playing", mininterval=1.0):
             decision = decisions[i]
             row, column = candidate.pixel or (0, 0)
-            before = [cell(made, env) for made in decisions[:i]]
+            before = [env.cell(made) for made in decisions[:i]]
             env.next_scene = decision.scene_seed or 0
             came = _returns(run, env, [*before, row * env.grid.shape[1] + column], copy)
             weighed = zip(decision.components, came, run.policy.qmaps.weights.tolist(), strict=True)

@@ -52,4 +52,5 @@ def default_folder(cfg: DictConfig, name: str) -> Path:
     """
     if cfg.decision is not None:
         return Path(name)
-    return home(cfg.run) / "figures" / f"scene{cfg.scene_seed}"
+    scene = f"scene{cfg.scene_seed}" if cfg.images is None else Path(cfg.images).stem or "images"
+    return home(cfg.run) / "figures" / scene

@@ -17,7 +17,6 @@ from xqmap import explain
 from xqmap.benchmarks.robustness import interruptions
 from xqmap.config import schema
 from xqmap.evaluation.run import evaluate_run
-from xqmap.runs.decide import decide
 from xqmap.runs.run import load_run
 
 pytestmark = [pytest.mark.sim]
@@ -30,7 +29,7 @@ def make(settings: dict[str, Any], directory: str) -> None:
     run = load_run(place)
     evaluate_run(run, cfg.evaluation, place / "evaluation.json")
     see = OmegaConf.create({"_target_": "xqmap.explanations.perception.Simulator"})
-    explain.write(decide(run, 3, 1, see)[0], place / "figures" / "scene3")
+    explain.write(run.episode(3, 1, see)[0], place / "figures" / "scene3")
 
 
 def test_two_processes_make_the_same_of_the_same_seed(toy_config: Callable[..., DictConfig], tmp_path: Path) -> None:

@@ -94,7 +94,7 @@ def _sure(question: Question, decision: Decision, words: Mapping[str, Any]) -> A
     chosen, error = decision.selected, decision.error
     # Beside the candidates, the best other object counts: it may be closer.
     others = question.about or [*decision.alternatives, *(o for o in decision.others[:1] if not is_listed(o, decision))]
-    others = [other for other in others if not together(chosen, other)]
+    others = sentences.apart([other for other in others if not together(chosen, other)])
     if not others and question.about:
         return sentence(
             words["answers"]["same_place"].format(

@@ -18,7 +18,7 @@ from xqmap.explanations.dialogue.grounding import ungrounded
 from xqmap.explanations.dialogue.llm import LanguageModel, Message
 from xqmap.explanations.dialogue.questions import Question, understand
 from xqmap.explanations.dialogue.replies import Unanswered, after_thoughts
-from xqmap.explanations.views.sentences import number, phrase, signed, wording_for
+from xqmap.explanations.views.sentences import number, phrase, signed, wording_of
 from xqmap.files import read_bytes
 from xqmap.terminal import printable
 
@@ -136,7 +136,7 @@ class Dialogue:
 
 def excerpt(decision: Decision) -> list[tuple[str, str]]:
     """A few questions, of the task's wording, and their answers from the numbers."""
-    talk = Dialogue(decision, wording_for(decision.task))
+    talk = Dialogue(decision, wording_of(decision))
     for question in talk.words["excerpt"]:
         # With one Q-Map there is no property to single out.
         if len(decision.components) > 1 or "{component}" not in question:

@@ -90,7 +90,7 @@ def listing(question: Question, decision: Decision, words: Mapping[str, Any]) ->
 def scene(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
     """What is in the scene."""
     things = [thing for thing in decision.objects if thing.object_index is not None]
-    if not things:
+    if not things or decision.selected.pixel is None:
         return listing(question, decision, words)
     counts: dict[str, int] = {}
     for thing in things:

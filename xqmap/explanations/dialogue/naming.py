@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Set
 from dataclasses import dataclass
 from typing import Any
 
@@ -101,7 +101,9 @@ def named(text: str, decision: Decision, vocabulary: Vocabulary) -> list[Candida
             matching.append(_meant([c for c in pool if c.object.lower() == name], decision, match.start() < turn))
         rest = rest.replace(name, ";" * len(name))
     nouns = {candidate.object.lower().split()[-1] for candidate in pool} | {"one"}
-    for start, words in _phrases(rest, nouns) if missing(text, decision, vocabulary) is None else []:
+    # Where things are called so, left and right are names.
+    plain_words = _PLAIN - {word for c in pool for word in c.object.lower().split() if word in ("left", "right")}
+    for start, words in _phrases(rest, nouns, plain_words) if missing(text, decision, vocabulary) is None else []:
         # "The red one", "the cube": the objects whose names hold most of these words.
         scores = [len(words & set(candidate.object.lower().split())) for candidate in pool]
         if best := [c for c, score in zip(pool, scores, strict=True) if score == max(scores) > 0]:
@@ -151,7 +153,7 @@ def missing(text: str, decision: Decision, vocabulary: Vocabulary) -> str | None
     return None
 
 
-def _phrases(text: str, nouns: set[str]) -> list[tuple[int, set[str]]]:
+def _phrases(text: str, nouns: set[str], plain_words: Set[str]) -> list[tuple[int, set[str]]]:
     """The words between a determiner and the noun it belongs to, or the sentence's end, and where: {red, block}, {red},
     {bowl}.
     """
@@ -171,8 +173,8 @@ def _phrases(text: str, nouns: set[str]) -> list[tuple[int, set[str]]]:
             # Without a noun it is a description only where nothing else follows: "why not red?"
             words = words if len(words) == 1 and match.end(1) >= len(text.rstrip()) else set()
         # "The worst bowl" is asked for, not named.
-        if words - _PLAIN and not words & _SUPERLATIVES:
-            found.append((match.start(), words - _PLAIN))
+        if words - plain_words and not words & _SUPERLATIVES:
+            found.append((match.start(), words - plain_words))
     return found
 
 

@@ -9,15 +9,16 @@ from html import escape
 
 from xqmap.explanations.decision import Decision
 from xqmap.explanations.views import markup, plots
-from xqmap.explanations.views.told import asked, told
+from xqmap.explanations.views.told import WIDTH, asked, told
 
 
-def page(decisions: Sequence[Decision], dialogue: Sequence[tuple[str, str]] = ()) -> str:
+def page(decisions: Sequence[Decision], dialogue: Sequence[tuple[str, str]] = (), width: int = WIDTH) -> str:
     """The page as HTML.
 
     Args:
         decisions: one, or the successive ones of an episode.
         dialogue: questions and answers to show at its end.
+        width: of the picture of the maps at most, pixels.
     """
     first, many = decisions[0], len(decisions) > 1
     title = f"Why? {len(decisions)} decisions in {first.task}" if many else f"Why? A decision in {first.task}"
@@ -33,5 +34,5 @@ def page(decisions: Sequence[Decision], dialogue: Sequence[tuple[str, str]] = ()
     for i, decision in enumerate(decisions):
         if many:
             body.append(f'<h2 id="{i}">Decision {decision.step + 1}: {escape(decision.selected.object)}</h2>')
-        body.append(told(decision, level=3 if many else 2))
+        body.append(told(decision, 3 if many else 2, width))
     return markup.document(title, "".join([*body, asked(dialogue, 2)]))

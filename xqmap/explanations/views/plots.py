@@ -16,7 +16,7 @@ from xqmap.explanations.decision import Decision
 from xqmap.explanations.views import charts
 from xqmap.explanations.views.marks import mark
 from xqmap.explanations.views.sentences import after
-from xqmap.explanations.views.style import PALETTE, drawing, rendered
+from xqmap.explanations.views.style import PALETTE, Picture, drawing, rendered
 from xqmap.files import write_atomically
 
 
@@ -25,7 +25,9 @@ def qmaps(decision: Decision) -> Figure:
     with drawing():
         _require_maps(decision)
         panels, rows = _panels(decision)
-        figure = Figure(figsize=(_panel_width(decision) * panels, _panel_height(decision) * rows), layout="constrained")
+        figure = Picture(
+            figsize=(_panel_width(decision) * panels, _panel_height(decision) * rows), layout="constrained"
+        )
         _draw_maps(decision, figure)
         return figure
 
@@ -34,7 +36,7 @@ def values(decision: Decision) -> Figure:
     """Part 2a: the component values of every candidate, side by side, and their sum."""
     with drawing():
         width = max(3.6, len(decision.candidates) * (0.7 + 0.2 * len(decision.components)))
-        figure = Figure(figsize=(1.8 + width, 3.4), layout="constrained")
+        figure = Picture(figsize=(1.8 + width, 3.4), layout="constrained")
         axis = figure.subplots()
         charts.draw_values(decision, axis)
         charts.legend(decision, axis)
@@ -50,7 +52,7 @@ def rdx(decision: Decision) -> Figure:
         each = max(4, 40 // len(decision.components))
         rows = [pairs[i : i + each] for i in range(0, len(pairs), each)] or [[]]
         width = max(3.6, len(rows[0]) * (0.7 + 0.2 * len(decision.components)))
-        figure = Figure(figsize=(1.8 + width, 3.4 + 2.2 * (len(rows) - 1)), layout="constrained")
+        figure = Picture(figsize=(1.8 + width, 3.4 + 2.2 * (len(rows) - 1)), layout="constrained")
         axes = figure.subplots(len(rows), 1, sharey=True, squeeze=False)
         for axis, row in zip(axes[:, 0], rows, strict=True):
             charts.draw_rdx(decision, axis, row)
@@ -70,7 +72,7 @@ def when(decision: Decision) -> Figure:
         ahead = decision.horizon
         if not ahead:
             raise ValueError("this decision does not tell the next decisions apart: qnet.horizon is 0")
-        figure = Figure(figsize=(1.4 + count * max(2.6, 0.62 * (ahead + 2)), 2.6), layout="constrained")
+        figure = Picture(figsize=(1.4 + count * max(2.6, 0.62 * (ahead + 2)), 2.6), layout="constrained")
         axes = list(figure.subplots(1, count, sharey=True, squeeze=False)[0])
         charts.draw_when(decision, axes)
         charts.legend(decision, axes[-1])
@@ -90,7 +92,7 @@ def bars(decision: Decision) -> Figure:
         ['Values of each candidate', 'Differences (RDX): above zero speaks for the first']
     """
     with drawing():
-        figure = Figure(figsize=charts.size(decision), layout="constrained")
+        figure = Picture(figsize=charts.size(decision), layout="constrained")
         charts.draw(decision, figure)
         return figure
 
@@ -114,7 +116,7 @@ def overview(decision: Decision, dialogue: list[tuple[str, str]] | None = None) 
             (title, 0.45 + 0.19 * sum(1 + line.count("\n") for line in lines))
             for title, lines in zip(titles, wrapped, strict=False)
         ]
-        figure = Figure(figsize=(width, sum(height for _, height in parts)), layout="constrained")
+        figure = Picture(figsize=(width, sum(height for _, height in parts)), layout="constrained")
         made = figure.subfigures(len(parts), 1, height_ratios=[height for _, height in parts], squeeze=False)[:, 0]
         drawn = list(made)
         for part, (title, _) in zip(made, parts, strict=True):
@@ -137,7 +139,7 @@ def overview(decision: Decision, dialogue: list[tuple[str, str]] | None = None) 
 def over_time(decisions: Sequence[Decision]) -> Figure:
     """How the values of what was chosen move over an episode: one line per component, and their sum."""
     with drawing():
-        figure = Figure(figsize=(max(6.0, 1.8 + 0.62 * len(decisions)), 3.2), layout="constrained")
+        figure = Picture(figsize=(max(6.0, 1.8 + 0.62 * len(decisions)), 3.2), layout="constrained")
         axis = figure.subplots()
         steps = [decision.step + 1 for decision in decisions]
         first = decisions[0]
@@ -172,7 +174,7 @@ def save(figure: Figure, path: Path) -> list[Path]:
 
 def _require_maps(decision: Decision) -> np.ndarray:
     if decision.maps is None or decision.heightmap is None:
-        raise ValueError("this decision was read from a file without maps: there are none to draw")
+        raise ValueError("this decision has no maps to draw: it is of actions, or of a file without them")
     return decision.maps
 
 

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from omegaconf import DictConfig, OmegaConf
@@ -26,6 +26,14 @@ def wording_for(task: str) -> dict[str, Any]:
     """
     merged = OmegaConf.merge(_wording("plain"), _wording(task))
     return {str(key): value for key, value in OmegaConf.to_container(merged).items()}  # type: ignore[union-attr]
+
+
+def wording_of(decision: Decision) -> dict[str, Any]:
+    """The templates that a decision is told in: its task's; where that has none of its own, and no cell of a map was
+    chosen, those of ``actions``.
+    """
+    own = plugins.find("explain", "wording", f"{decision.task}.yaml") is not None
+    return wording_for(decision.task if own or decision.selected.pixel is not None else "actions")
 
 
 def _wording(name: str) -> DictConfig:
@@ -50,7 +58,7 @@ def write(decision: Decision, wording: Mapping[str, Any] | None = None) -> dict[
         chosen object share one. The best other object has one where no candidate is elsewhere, and where it is within
         the values' typical error.
     """
-    words = dict(wording) if wording is not None else wording_for(decision.task)
+    words = dict(wording) if wording is not None else wording_of(decision)
     elsewhere = [c for c in decision.alternatives if not decision.same(SELECTED, c.label)]
     said = (
         [_agreeing(decision, words)]
@@ -64,11 +72,20 @@ def write(decision: Decision, wording: Mapping[str, Any] | None = None) -> dict[
         if decision.selected.overall - o.overall <= decision.error and not any(together(o, c) for c in elsewhere)
     ]
     elsewhere += close if elsewhere else best
-    said += [contrastive(decision, decision.selected, other, words) for other in elsewhere]
+    said += [contrastive(decision, decision.selected, other, words) for other in apart(elsewhere)]
     following = future.expected(decision, decision.selected, words)
     result = {"shallow": shallow(decision, words), "contrastive": said, "robustness": robustness(decision, words)}
     result |= {"future": following} if following else {}
     return result | ({"played": future.played(decision, words)} if decision.played else {})
+
+
+def apart(things: Sequence[Candidate]) -> list[Candidate]:
+    """Without those that are another's action under another letter."""
+    kept: list[Candidate] = []
+    for thing in things:
+        if not any(together(thing, other) and thing.values == other.values for other in kept):
+            kept.append(thing)
+    return kept
 
 
 def why(decision: Decision) -> str:

@@ -27,6 +27,13 @@ STYLE: Any = {
 }
 
 
+class Picture(Figure):
+    """A figure that a notebook shows, whatever backend it has."""
+
+    def _repr_png_(self) -> bytes:
+        return rendered(self, "png", dpi=100)
+
+
 @contextmanager
 def drawing(changes: Mapping[str, Any] | None = None) -> Iterator[None]:
     """Lets matplotlib's own defaults hold, and :data:`STYLE` and ``changes`` over them; no backend is needed."""

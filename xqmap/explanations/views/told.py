@@ -13,15 +13,16 @@ from xqmap.explanations.views.style import rendered
 from xqmap.explanations.views.words import number, signed
 
 # Pixels; a row of panels is sharp on a wide screen.
-_WIDTH = 2000
+WIDTH = 2000
 
 
-def told(decision: Decision, level: int) -> str:
+def told(decision: Decision, level: int, width: int = WIDTH) -> str:
     """One decision as HTML.
 
     Args:
         decision: what is told.
         level: of its headings.
+        width: of the picture of the maps at most, pixels.
     """
     said = decision.sentences()
     parts = decision.foresees
@@ -36,7 +37,7 @@ def told(decision: Decision, level: int) -> str:
     ]
     body = [
         f"<blockquote>{escape(said['shallow'])}</blockquote>",
-        _maps(decision) if decision.maps is not None else "",
+        _maps(decision, width) if decision.maps is not None else "",
         f"<h{level}>And why not the others?</h{level}>",
         *(f"<p>{escape(sentence)}</p>" for sentence in after(said)),
         f"<h{level}>Values and differences</h{level}>",
@@ -81,11 +82,11 @@ def asked(dialogue: Sequence[tuple[str, str]], level: int) -> str:
     return f"<h{level}>Asked</h{level}>{said}" if said else ""
 
 
-def _maps(decision: Decision) -> str:
+def _maps(decision: Decision, width: int) -> str:
     marks = "; ".join(f"{c.label}: {c.object}" for c in decision.candidates)
     caption = (
         "The scene, and the Q-Maps over it. ★ is the choice, letters mark what would be best for one component alone. "
         f"{marks}."
     )
     drawn = rendered(plots.qmaps(decision), "png", dpi=110)
-    return f'<div class="maps">{markup.picture(drawn, caption, _WIDTH)}</div>'
+    return f'<div class="maps">{markup.picture(drawn, caption, width)}</div>'
