@@ -15,8 +15,9 @@ from xqmap.errors import UserError
 from xqmap.explanations.decision import Decision
 from xqmap.explanations.dialogue import answers
 from xqmap.explanations.dialogue.grounding import ungrounded
+from xqmap.explanations.dialogue.language import language
 from xqmap.explanations.dialogue.llm import LanguageModel, Message
-from xqmap.explanations.dialogue.questions import Question, understand
+from xqmap.explanations.dialogue.questions import Question, Understanding
 from xqmap.explanations.dialogue.replies import Unanswered, after_thoughts
 from xqmap.explanations.views.sentences import number, phrase, signed, wording_for
 from xqmap.files import read_bytes
@@ -60,8 +61,10 @@ class Dialogue:
     """
 
     def __init__(self, decision: Decision, words: Mapping[str, Any], model: LanguageModel | None = None) -> None:
-        self.decision, self.words, self.model = decision, words, model
+        self.decision, self.model = decision, model
         self.exchanges: list[Exchange] = []
+        self.words = {**words, "numbers": language("en").content["numbers"]}
+        self._understanding = Understanding(decision, self.words, language("en"))
         self._before: Question | None = None
 
     def ask(self, text: str, show: Callable[[str], None] = lambda piece: None) -> Exchange:
@@ -85,13 +88,17 @@ class Dialogue:
                 return self._keep(Exchange(text, said, "llm", ungrounded=ungrounded(said, self.decision, text)))
             except Unanswered as error:
                 failure = printable(str(error))
-        question = understand(text, self.decision, self.words, self._before)
-        if question.kind not in ("help", "unknown"):
-            self._before = question
-        said, computed = answers.answer(question, self.decision, self.words)
-        # What is asked for and is not there may be called by its name.
-        found = ungrounded(said, self.decision, f"{text} {question.component or ''} {question.thing}", computed)
-        return self._keep(Exchange(text, said, "template", question.kind, found, failure))
+        said, kinds, found = [], [], []
+        for question in self._understanding.read(text, self._before):
+            if question.kind not in ("help", "unknown", "thanks"):
+                self._before = question
+            answer, computed = answers.answer(question, self.decision, self.words)
+            # What is asked for and is not there may be called by its name.
+            asked = f"{text} {question.component or ''} {question.thing} {question.said}"
+            found += ungrounded(answer, self.decision, asked, computed)
+            said.append(answer)
+            kinds.append(question.kind)
+        return self._keep(Exchange(text, " ".join(said), "template", " + ".join(kinds), found, failure))
 
     def _keep(self, exchange: Exchange) -> Exchange:
         self.exchanges.append(exchange)

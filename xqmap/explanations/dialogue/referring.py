@@ -1,0 +1,408 @@
+"""Which things a question speaks of: by their names or parts of them, by letter, by place, by what is near, by cell."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from xqmap.explanations.candidate import SELECTED, Candidate
+from xqmap.explanations.dialogue.language import Language, Span, Token
+from xqmap.explanations.dialogue.places import DIRECTIONS, Places
+
+# Words a description may have that nothing knows: "the golden toy cube".
+_UNKNOWN = 2
+_PLACES = (*DIRECTIONS, "middle", "corner", "edge")
+_BESIDE = {"left_of": "left", "right_of": "right", "above_of": "top", "below_of": "bottom"}
+
+
+@dataclass
+class Mention:
+    """Words that speak of a thing, or of several.
+
+    Attributes:
+        start: first token.
+        end: token after the last.
+        sort: ``one`` (a certain thing), ``some`` ("a cube"), ``many`` ("the cubes", "which block"), ``it``.
+        things: what they fit; none where nothing does, several of ``one`` where it is not clear which.
+        said: the description, as typed.
+        words: what it says of a thing's name.
+        letter: whether a letter named it.
+        places: place words in it.
+        unknown: words of it that nothing knows.
+    """
+
+    start: int
+    end: int
+    sort: str
+    things: list[Candidate] = field(default_factory=list)
+    said: str = ""
+    words: list[str] = field(default_factory=list)
+    letter: bool = False
+    places: list[str] = field(default_factory=list)
+    unknown: bool = False
+
+
+class Referring:
+    """Finds the mentions in a question.
+
+    Args:
+        tokens: of the question.
+        spans: its concepts.
+        places: the things there are.
+        language: of the question.
+        others: words for things and looks that the scene has none of.
+        before: what the question before was about: "it".
+    """
+
+    def __init__(
+        self,
+        tokens: Sequence[Token],
+        spans: Sequence[Span],
+        places: Places,
+        language: Language,
+        others: Any,
+        before: Sequence[Candidate],
+    ) -> None:
+        self.tokens, self.places, self.language, self.before = tokens, places, language, list(before)
+        self._at: list[dict[str, int]] = [{} for _ in tokens]
+        for span in spans:
+            self._at[span.start][span.concept] = max(span.end - span.start, self._at[span.start].get(span.concept, 0))
+        names = [thing.object.lower().split() for thing in places.things]
+        self.nouns = {name[-1] for name in names} | set(others["other_things"])
+        self.looks = {word for name in names for word in name[:-1]} | set(others["other_looks"])
+
+    def mentions(self) -> list[Mention]:
+        """All of them, in the order of the question."""
+        found: list[Mention] = []
+        at = 0
+        while at < len(self.tokens):
+            mention = self._cell(at) or self._own(at) or self._letter(at) or self._phrase(at) or self._pronoun(at)
+            if mention is None:
+                at += 1
+                continue
+            if mention.sort == "it" and (earlier := [m for m in found if m.things and not m.words[:1] == ["own"]]):
+                mention.things = earlier[-1].things[:1]
+            found.append(mention)
+            at = mention.end
+        named = [thing for mention in found if mention.sort == "one" for thing in mention.things]
+        for mention in found:
+            if mention.sort == "it" and named and all(any(t is other for other in named) for t in mention.things):
+                # "Is it better than B?", asked after B.
+                mention.things = [self.places.decision.selected]
+        return found
+
+    def _is(self, at: int, *concepts: str) -> bool:
+        return at < len(self.tokens) and any(concept in self._at[at] for concept in concepts)
+
+    def _past(self, at: int, *concepts: str) -> int:
+        """The token after the longest of these concepts that begins here, or ``at``."""
+        return at + max((self._at[at].get(c, 0) for c in concepts), default=0) if at < len(self.tokens) else at
+
+    def _number(self, at: int) -> float | None:
+        return self.tokens[at].number if at < len(self.tokens) else None
+
+    def _ends(self, at: int) -> bool:
+        return at >= len(self.tokens) or not (self.tokens[at].is_word or self.tokens[at].number is not None)
+
+    def _stem(self, at: int, names: set[str]) -> str | None:
+        if at >= len(self.tokens) or not self.tokens[at].is_word:
+            return None
+        return self.language.stem(self.tokens[at].word, names)
+
+    def _cell(self, at: int) -> Mention | None:
+        """A cell of the map: "row 3, column 5", "(3, 5)"."""
+        decision, values, end = self.places.decision, [], at
+        opened = self.tokens[at].word in "([" or self._is(at, "row")
+        while opened and end < len(self.tokens) and len(values) < 2:
+            number = self._number(end)
+            if number is not None and number == int(number) and "%" not in self.tokens[end].word:
+                values.append(int(number))
+            elif self.tokens[end].word not in "([,:" and not self._is(end, "row", "column", "at"):
+                break
+            end += 1
+        if len(values) < 2 or decision.maps is None:
+            return None
+        end += end < len(self.tokens) and self.tokens[end].word in ")]"
+        said = " ".join(token.text for token in self.tokens[at:end])
+        rows, columns = decision.maps.shape[1:]
+        if not (0 <= values[0] < rows and 0 <= values[1] < columns):
+            return Mention(at, end, "one", [], said, unknown=True)
+        pixel = values[0], values[1]
+        return Mention(at, end, "one", [decision.at(pixel, "")], said)
+
+    def _own(self, at: int) -> Mention | None:
+        end = self._past(at, "own")
+        if end == at or self._stem(end, self.nouns | self.looks) or self._is(end, "generic"):
+            # "The selected block": its head follows.
+            return None
+        return Mention(at, end, "one", [self.places.decision.selected], "", ["own"])
+
+    def _letter(self, at: int) -> Mention | None:
+        token = self.tokens[at]
+        if len(token.text) > 2 or not token.is_word or self._is(at, "value"):
+            return None
+        found = {c.label.lower(): c for c in self.places.decision.candidates}.get(token.word)
+        alone = len([t for t in self.tokens if t.is_word]) == 1
+        ends = self._ends(at + 1) or self._is(at + 1, "than", "or", "instead", "better", "worse", "is", "compare")
+        if at and self._is(at - 1, "lettered"):
+            fits = found is not None or token.text.isupper()
+        elif token.text.islower():
+            # Where no article can stand.
+            fits = found is not None and ends and (at > 0 or alone) and token.word != "i"
+        else:
+            shouted = not alone and all(t.text.isupper() for t in self.tokens if t.is_word)
+            # At the beginning, "A" may be the article.
+            fits = token.text not in ("I", "") and not shouted and (ends or (at > 0 and len(token.text) == 1))
+            fits = fits and (found is not None or (at > 0 and len(token.text) == 1))
+        if not fits:
+            return None
+        said = "" if found else str(self.language.content["unlettered"]).format(letter=token.text)
+        return Mention(at, at + 1, "one", [found] if found else [], said, letter=True, unknown=found is None)
+
+    def _pronoun(self, at: int) -> Mention | None:
+        end = self._past(at, "it")
+        if end == at or self._is(at, "exists"):
+            return None
+        pointing = self._is(at, "definite")
+        if pointing and not (self._ends(end) or self._is(end, "is", "than", "better", "mean", "or")):
+            return None
+        return Mention(at, end, "it", self.before or [self.places.decision.selected])
+
+    def _phrase(self, start: int) -> Mention | None:
+        """A description: "the red block at the top left", "which cubes", "red"."""
+        at = start
+        definite, some, several, other, chosen = (False,) * 5
+        determiners = ("definite", "indefinite", "of_all", "other", "chosen_before")
+        while self._is(at, *determiners):
+            past = self._past(at, *determiners)
+            chosen |= self._is(at, "chosen_before")
+            definite |= self._is(at, "definite")
+            some |= self._is(at, "indefinite")
+            several |= self._is(at, "of_all")
+            other |= self._is(at, "other")
+            at = past
+        determined = at > start
+        words: list[str] = []
+        strange: list[str] = []
+        sides: list[str] = []
+        first = at
+        order, size, best, noun = 0, "", False, None
+        ordinals = self.language.content["ordinals"]
+        while at < len(self.tokens):
+            token = self.tokens[at]
+            if not determined and any(name.startswith("component:") for name in self._at[at]):
+                # "Is it flat?" asks for a property.
+                break
+            if noun := self._stem(at, self.nouns):
+                words.append(noun)
+                at += 1
+                break
+            if self._is(at, "generic") and (determined or at > first):
+                noun = ""
+                at += 1
+                break
+            if (look := self._stem(at, self.looks)) and not (self._is(at, "is") and not determined):
+                words.append(look)
+            elif token.word in ordinals and (determined or sides):
+                order = int(ordinals[token.word])
+            elif side := next((word for word in _PLACES if self._is(at, word)), None):
+                sides.append(side)
+                size = "farthest" if self._is(at, "farthest") else size
+            elif self._is(at, "big", "small", "tall"):
+                size = next(word for word in ("big", "small", "tall") if self._is(at, word))
+            elif self._is(at, "chosen_before") and determined:
+                chosen = True
+            elif self._is(at, "most", "least", "better") and determined:
+                best = True
+            elif token.word in ("-", "/"):
+                pass
+            elif self._strange(at) and determined and len(strange) < _UNKNOWN:
+                strange.append(token.word)
+            else:
+                break
+            at += 1
+        if noun is None and (strange or best) and not words:
+            # "Not the sky": without a known noun only what ends there is a thing.
+            if not (len(strange) == 1 and definite and at == first + 1 and self._ends(at) and not best):
+                return None
+        if noun is None and not (words or sides or strange or (other and definite)):
+            return None
+        if noun is None and not determined and not (words and self._ends(at)) and not sides:
+            return None
+        if best and not words and noun is None:
+            return None
+        said = " ".join(t.text for t in self.tokens[first:at])
+        if noun is None and words:
+            said = str(self.language.content["of_look"]).format(look=said)
+        if other:
+            said = str(self.language.content["of_other"]).format(thing=said)
+        mention = Mention(start, at, "one", said=said, words=words)
+        mention.places, mention.unknown = sides, bool(strange)
+        plural = noun is not None and at > first and self._is_plural(self.tokens[at - 1].word, noun)
+        alone = noun is None and not words and not strange
+        pool = self._fitting(words, strange)
+        if alone and not definite and not self._is(start - 1 if start else start, "not", "about", "or"):
+            mention.sort = "many"
+        elif several or plural or best or (not determined and not words[:-1] and noun):
+            mention.sort = "many"
+        elif some or not determined:
+            mention.sort = "some"
+        if mention.sort == "many" and noun == "" and not words and not strange and not sides:
+            pool = list(self.places.things)
+        if chosen and not other:
+            mention.words, pool = ["own"], [self.places.decision.selected]
+        pool = self._after(mention, pool, strange)
+        if other:
+            pool = [c for c in pool if not any(c is known for known in self._others_than())]
+        mention.things = pool if chosen else self._chosen_by(pool, size, order, mention)
+        return mention
+
+    def _others_than(self) -> list[Candidate]:
+        chosen = self.places.decision.selected
+        return [chosen, *[c for c in self.before if c is not chosen]]
+
+    def _strange(self, at: int) -> bool:
+        token = self.tokens[at]
+        return token.is_word and len(token.text) > 1 and not self._at[at] and not self.language.knows(token.word)
+
+    def _is_plural(self, typed: str, noun: str) -> bool:
+        if not noun:
+            return typed in self.language.content["generic_plural"]
+        return self.language.stems(typed)[0] != self.language.stems(noun)[0]
+
+    def _fitting(self, words: list[str], strange: list[str]) -> list[Candidate]:
+        """The things whose names hold all of the words; without a word, the objects."""
+        if strange:
+            known = [set(thing.object.lower().split()) for thing in self.places.things]
+            return [t for t, name in zip(self.places.things, known, strict=True) if {*words, *strange} <= name]
+        if not words:
+            return list(self.places.objects)
+        stems = self.language.stems
+        return [
+            thing
+            for thing in self.places.things
+            if all(any(set(stems(word)) & set(stems(part)) for part in thing.object.split()) for word in words)
+        ]
+
+    def _after(self, mention: Mention, pool: list[Candidate], strange: list[str]) -> list[Candidate]:
+        """The things that are left by what follows a description: "you chose", "at the top left", "next to B", "between A and B"."""
+        while True:
+            at = mention.end
+            if (past := self._past(at, "chosen")) > at:
+                mention.end, mention.words = past, ["own"]
+                pool, mention.sort = [self.places.decision.selected], "one"
+                continue
+            relation = next((word for word in (*_BESIDE, "between", "near") if self._is(at, word)), None)
+            lead = at
+            while relation is None and self._is(lead, "at", "definite") and lead - at < 4:
+                lead = max(lead + 1, self._past(lead, "at"))
+                relation = next((word for word in (*_BESIDE, "between", "near") if self._is(lead, word)), None)
+            if relation and (nearer := self._related(mention, pool, relation, lead)):
+                pool = nearer
+                continue
+            end, sides, looks = self._side(at)
+            if sides or looks:
+                mention.end = end
+                mention.places += sides
+                mention.words += looks
+                fitting = self._fitting(mention.words, strange) if looks else pool
+                pool = [c for c in pool if c in fitting]
+                mention.said = " ".join(t.text for t in self.tokens[mention.start : end])
+                continue
+            return pool
+
+    def _related(self, mention: Mention, pool: list[Candidate], relation: str, at: int) -> list[Candidate]:
+        start = self._past(at, relation)
+        one = self._anchor(start)
+        if one is None:
+            return []
+        places, anchor, end = self.places, one.things[0], one.end
+        apart = [c for c in pool if c is not anchor]
+        if relation == "between":
+            other = self._anchor(end + 1)
+            if other is None:
+                return []
+            end = other.end
+            ranked = sorted(
+                (c for c in apart if c is not other.things[0]), key=lambda c: places.between(c, anchor, other.things[0])
+            )
+            found = [c for c in ranked if places.between(c, anchor, other.things[0]) < float("inf")]
+        elif relation == "near":
+            found = sorted(apart, key=lambda c: places.apart(c, anchor))
+        else:
+            side = _BESIDE[relation]
+            found = sorted((c for c in apart if places.beside(c, anchor, side) > 0), key=lambda c: places.apart(c, anchor))
+        mention.end = end
+        mention.said = " ".join(t.text for t in self.tokens[mention.start : end])
+        if not found:
+            mention.unknown = True
+            return []
+        return found if mention.sort == "many" and relation != "near" else found[:1]
+
+    def _anchor(self, at: int) -> Mention | None:
+        if at >= len(self.tokens):
+            return None
+        found = self._own(at) or self._letter(at) or self._phrase(at) or self._pronoun(at)
+        return found if found is not None and found.things else None
+
+    def _side(self, at: int) -> tuple[int, list[str], list[str]]:
+        """Place words after a description, and looks ("that is red"): where they end, and which they are."""
+        sides: list[str] = []
+        looks: list[str] = []
+        end = here = at
+        linked = False
+        while here < len(self.tokens) and (here == at or here - end < 5):
+            if word := next((word for word in _PLACES if self._is(here, word)), None):
+                sides.append(word)
+                here += 1
+                end = here
+            elif (look := self._stem(here, self.looks)) and linked:
+                looks.append(look)
+                here += 1
+                end = here
+            elif self._is(here, "at", "definite", "picture"):
+                linked |= self._is(here, "linking")
+                past = max(here + 1, self._past(here, "at", "definite", "picture"))
+                end = past if self._is(here, "picture") and sides else end
+                here = past
+            elif self.tokens[here].word in ("-", ",") and sides:
+                here += 1
+            else:
+                break
+        return end, sides, looks
+
+    def _chosen_by(
+        self, pool: list[Candidate], size: str, order: int, mention: Mention
+    ) -> list[Candidate]:
+        """Of fitting things those at the place, of the size or at the rank that is named."""
+        sides = mention.places
+        if not pool:
+            return pool
+        directions = [word for word in sides if word in DIRECTIONS]
+        if directions and order:
+            ranked = self.places.farthest(pool, directions)
+            return ranked[order - 1 : order] if order > 0 else ranked[order:]
+        if sides and size == "farthest" and directions:
+            return self.places.farthest(pool, directions)[:1]
+        if sides:
+            there = [c for c in pool if self.places.lies(c, sides)]
+            if not there and len(pool) > 1 and len(directions) == 1 and len(sides) == 1 and mention.sort == "one":
+                # "The left one" of two: the one farther to the left.
+                there = self.places.farthest(pool, directions)[:1]
+            pool = there
+        if size in ("big", "small"):
+            known = [c for c in pool if self.places.cells(c)]
+            pool = sorted(known, key=lambda c: (self.places.cells(c) or 0) * (-1 if size == "big" else 1))[:1] or pool
+        if size == "tall":
+            known = [c for c in pool if self.places.height(c) is not None]
+            pool = sorted(known, key=lambda c: -(self.places.height(c) or 0.0))[:1] or pool
+        if order:
+            ranked = sorted(pool, key=lambda c: -c.overall)
+            return ranked[order - 1 : order] if order > 0 else ranked[order:]
+        return pool
+
+
+def is_own(thing: Candidate) -> bool:
+    """Whether a thing is the chosen one."""
+    return thing.label == SELECTED
