@@ -23,11 +23,15 @@ class Line:
         if any(name in bag for name in self.never):
             return None
 
-        def worth(names: tuple[str, ...]) -> float:
-            return max((bag[name] * weights.get(name, 1.0) for name in names if name in bag), default=0.0)
-
-        found = [worth(group) for group in self.needs]
-        return sum(found) + sum(worth((name,)) for name in self.may) if all(found) else None
+        left = {name: words * weights.get(name, 1.0) for name, words in bag.items()}
+        total = 0.0
+        for group in self.needs:
+            best = max((name for name in group if name in left), key=left.__getitem__, default=None)
+            if best is None:
+                return None
+            # No word counts twice.
+            total += left.pop(best)
+        return total + sum(left.get(name, 0.0) for name in self.may)
 
 
 @cache

@@ -15,7 +15,7 @@ from rapidfuzz.distance import OSA
 
 from xqmap.config import plugins
 
-_TOKEN = re.compile(r"[^\W\d_]+(?:['’-][^\W\d_]+)*|[+-]?\d+(?:[.,]\d+)?%?|\S")
+_TOKEN = re.compile(r"[^\W\d_]+(?:['’-][^\W\d_]+)*|[+-]?\d+(?:[.,]\d+)?%?|[?!.;](?=\s|$)|[^\s.!;]")
 # A misspelled word has at least so many letters for one slip, and for a second.
 _ONE_SLIP, _TWO_SLIPS = 4, 8
 _FOLDED = str.maketrans({"ä": "a", "ö": "o", "ü": "u", "ß": "s", "é": "e"})
@@ -115,6 +115,11 @@ class Language:
                 for other in found
             )
         ]
+
+    @property
+    def asked(self) -> frozenset[str]:
+        """The concepts that intents are made of."""
+        return frozenset(self._asked)
 
     def factors(self, tokens: Sequence[Token]) -> list[tuple[float, int]]:
         """How many times as much something counts by the words for it, and where; in the order of the file."""

@@ -85,13 +85,20 @@ class Understanding:
         self._properties = {
             name: [word for word in called if word.lower() not in known]
             for name, called in (
-                *((name, [name]) for name in (*words["components"], *words["other_properties"])),
+                *(
+                    (name, [name, *words["synonyms"].get(name, [])])
+                    for name in (*words["components"], *words["other_properties"])
+                ),
                 *language.content["properties"].items(),
             )
             if name.lower() not in known
         }
+        self._known_words = [*known, *self._properties]
+
+    @property
+    def _names(self) -> list[str]:
         things = [word for thing in self.places.things for word in thing.object.split()]
-        self._names = [*things, *words["other_things"], *words["other_looks"], *known, *self._properties]
+        return [*things, *self.words["other_things"], *self.words["other_looks"], *self._known_words]
 
     def read(self, text: str, before: Question | None = None) -> list[Question]:
         """The questions in a text; one that refers back ("and B?", "where is it?") goes on with ``before``."""
@@ -123,6 +130,7 @@ class Understanding:
         mentions = finder.mentions()
         inside = {at: mention for mention in mentions for at in range(mention.start, mention.end)}
         free = [s for s in spans if s.concept in _KEPT or not any(at in inside for at in range(s.start, s.end))]
+        free += [s for s in spans if s.start in inside and s.start in inside[s.start].asked and ":" in s.concept]
         named = {s.start: s.concept.partition(":")[2] for s in free if s.concept.startswith("component:")}
         factors = factors_in(tokens, named, self.decision.components, self.language)
         bag = self._bag(free, mentions, named, factors or factor_in(tokens, self.language) is not None, tokens)
@@ -161,6 +169,8 @@ class Understanding:
         bag: dict[str, float] = {}
         for span in free:
             name = span.concept.partition(":")[0]
+            if name not in self.language.asked and name not in ("component", "property"):
+                continue
             bag[name] = max(bag.get(name, 0.0), float(span.end - span.start))
         others = [m for m in mentions if m.sort in ("one", "it") and not _all_own(m)]
         bag |= {"own": 1.0} if any(m.sort in ("one", "it") and _all_own(m) for m in mentions) else {}

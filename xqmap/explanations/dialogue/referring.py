@@ -29,7 +29,8 @@ class Mention:
         words: what it says of a thing's name.
         letter: whether a letter named it.
         places: place words in it.
-        unknown: words of it that nothing knows.
+        unknown: whether it has words that nothing knows.
+        asked: tokens within that name a property: "the least flat block".
     """
 
     start: int
@@ -41,6 +42,7 @@ class Mention:
     letter: bool = False
     places: list[str] = field(default_factory=list)
     unknown: bool = False
+    asked: list[int] = field(default_factory=list)
 
 
 class Referring:
@@ -186,6 +188,7 @@ class Referring:
         words: list[str] = []
         strange: list[str] = []
         sides: list[str] = []
+        asked: list[int] = []
         first = at
         order, size, best, noun = 0, "", False, None
         ordinals = self.language.content["ordinals"]
@@ -194,6 +197,10 @@ class Referring:
             if not determined and any(name.startswith("component:") for name in self._at[at]):
                 # "Is it flat?" asks for a property.
                 break
+            if best and any(name.startswith("component:") for name in self._at[at]):
+                asked.append(at)
+                at += 1
+                continue
             if noun := self._stem(at, self.nouns):
                 words.append(noun)
                 at += 1
@@ -238,7 +245,7 @@ class Referring:
         if other:
             said = str(self.language.content["of_other"]).format(thing=said)
         mention = Mention(start, at, "one", said=said, words=words)
-        mention.places, mention.unknown = sides, bool(strange)
+        mention.places, mention.unknown, mention.asked = sides, bool(strange), asked
         plural = noun is not None and at > first and self._is_plural(self.tokens[at - 1].word, noun)
         alone = noun is None and not words and not strange
         pool = self._fitting(words, strange)
