@@ -25,6 +25,8 @@ _NARROW = 3
 def answer(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
     """Answers a question that was understood."""
     text, computed = _ANSWERS.get(question.kind, _unknown)(question, decision, words)
+    if question.property:
+        text += f" {lookups.no_component(Question('', component=question.property), decision, words)[0]}"
     if question.strange and question.kind not in ("unknown", "missing", "misplaced"):
         passed = words["answers"]["strange"].format(words=listed([f'"{word}"' for word in question.strange]))
         text = f"{passed} {sentence(text)}"

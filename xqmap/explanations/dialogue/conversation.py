@@ -19,6 +19,7 @@ from xqmap.explanations.dialogue.language import language
 from xqmap.explanations.dialogue.llm import LanguageModel, Message
 from xqmap.explanations.dialogue.questions import Question, Understanding
 from xqmap.explanations.dialogue.replies import Unanswered, after_thoughts
+from xqmap.explanations.views import plots
 from xqmap.explanations.views.sentences import number, phrase, signed, wording_for
 from xqmap.files import read_bytes
 from xqmap.terminal import printable
@@ -41,6 +42,7 @@ class Exchange:
         kind: how the question was understood (templates only).
         ungrounded: what the answer says that is not in the decision.
         failure: why the model did not answer, if it did not.
+        picture: the file that shows what was asked for.
     """
 
     question: str
@@ -49,6 +51,7 @@ class Exchange:
     kind: str = ""
     ungrounded: list[str] = field(default_factory=list)
     failure: str = ""
+    picture: str = ""
 
 
 class Dialogue:
@@ -58,9 +61,17 @@ class Dialogue:
         decision: what the conversation is about.
         words: the task's wording; ``prompt`` in it is the model's system prompt.
         model: a language model; None answers from templates.
+        folder: where a picture that is asked for is written; None writes none.
     """
 
-    def __init__(self, decision: Decision, words: Mapping[str, Any], model: LanguageModel | None = None) -> None:
+    def __init__(
+        self,
+        decision: Decision,
+        words: Mapping[str, Any],
+        model: LanguageModel | None = None,
+        folder: Path | None = None,
+    ) -> None:
+        self.folder = folder
         self.decision, self.model = decision, model
         self.exchanges: list[Exchange] = []
         self.words = {**words, "numbers": language("en").content["numbers"]}
@@ -94,11 +105,20 @@ class Dialogue:
                 self._before = question
             answer, computed = answers.answer(question, self.decision, self.words)
             # What is asked for and is not there may be called by its name.
-            asked = f"{text} {question.component or ''} {question.thing} {question.said}"
+            asked = f"{text} {question.component or ''} {question.property} {question.thing} {question.said}"
             found += ungrounded(answer, self.decision, asked, computed)
             said.append(answer)
             kinds.append(question.kind)
-        return self._keep(Exchange(text, " ".join(said), "template", " + ".join(kinds), found, failure))
+        picture = self._drawn() if "show" in kinds else ""
+        said += [self.words["answers"]["show_file"].format(file=picture)] if picture else []
+        return self._keep(Exchange(text, " ".join(said), "template", " + ".join(kinds), found, failure, picture))
+
+    def _drawn(self) -> str:
+        """The file with the maps, or the values where there are none; empty where nothing may be written."""
+        if self.folder is None:
+            return ""
+        name = "values" if self.decision.maps is None else "qmaps"
+        return str(plots.save(getattr(plots, name)(self.decision), self.folder / name)[0])
 
     def _keep(self, exchange: Exchange) -> Exchange:
         self.exchanges.append(exchange)

@@ -131,10 +131,12 @@ def identity(question: Question, decision: Decision, words: Mapping[str, Any]) -
     """Whether a thing is what the question takes it for."""
     meant = question.about[0] if question.about else decision.selected
     if question.pool is None:
+        values = listed([f"{phrase(n, words)} {number(meant.values[n])}" for n in decision.components])
         return words["answers"]["is_a"].format(
             this=sentences.referred(meant, words) if is_own(meant) else words["answers"]["this"],
-            object=called(meant, decision, words),
-        ), []
+            object=called_where(meant, decision, words) if not is_own(meant) else called(meant, decision, words),
+            values=values,
+        ), [float(at) for at in meant.pixel or ()]
     yes = any(c is meant for c in question.pool)
     key = "is_so" if yes else "is_not_so"
     own = f", {words['own_choice']} {words['answers']['itself']}" if is_own(meant) else ""

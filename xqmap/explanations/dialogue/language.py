@@ -160,7 +160,7 @@ class Language:
 
 # Entries of a language's file that are no lists of words.
 _NO_CONCEPTS = frozenset(
-    "spelled endings fillers factors ordinals numbers clauses examples asks goes_on properties unlettered of_look of_other generic_plural".split()
+    "spelled endings fillers factors ordinals numbers clauses examples asks goes_on properties unlettered of_look of_other generic_plural degrees".split()
 )
 
 

@@ -23,13 +23,13 @@ def called(candidate: Candidate, decision: Decision, words: Mapping[str, Any]) -
     """
     if candidate.label == SELECTED:
         return the(candidate.object)
-    name = the(_apart(candidate, decision, words))
     here = [
         c for c in decision.alternatives if (c.object, c.object_index) == (candidate.object, candidate.object_index)
     ]
-    if candidate.label == candidate.object and any(c.pixel != candidate.pixel for c in here):
+    if candidate.label == candidate.object and here and all(c.pixel != candidate.pixel for c in here):
         # A candidate lies on it too, elsewhere.
-        return words["answers"]["best_spot"].format(object=name)
+        return words["answers"]["best_spot"].format(object=the(candidate.object), label=here[0].label)
+    name = the(_apart(candidate, decision, words))
     return name if candidate.label in ("", candidate.object) else f"{name} ({candidate.label})"
 
 

@@ -67,7 +67,9 @@ class Places:
         return (centre[0] + 0.5) / extent[0], (centre[1] + 0.5) / extent[1]
 
     def lies(self, thing: Candidate, words: Collection[str]) -> bool:
-        """Whether a thing lies where place words say: directions, ``middle``, ``corner``, ``edge``."""
+        """Whether a thing lies where place words say: directions, ``middle``, ``corner``, ``edge``; with
+        ``half``, directions reach to the middle.
+        """
         share = self.share(thing)
         if share is None:
             return False
@@ -75,7 +77,7 @@ class Places:
         for word in words:
             if word in DIRECTIONS:
                 axis, end = DIRECTIONS[word]
-                limit = _EDGE if "edge" in words else _SIDE
+                limit = _EDGE if "edge" in words else 0.5 if "half" in words else _SIDE
                 if abs(share[axis] - end) > limit:
                     return False
             elif word == "middle" and not all(_SIDE < at < 1 - _SIDE for at in share):

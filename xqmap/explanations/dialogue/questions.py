@@ -16,7 +16,7 @@ from xqmap.explanations.dialogue.referring import Mention, Referring, is_own
 
 # Words of a question like "the red one?", which goes on with the one before.
 _SHORT = 5
-_BARE = {"thing", "things", "own", "letter", "kind", "claim", "component", "factor"}
+_BARE = {"thing", "things", "opposite", "own", "letter", "kind", "claim", "component", "factor"}
 # After these, another than the chosen one is meant.
 _TURNS = ("not", "than", "instead", "compare", "differ", "against", "wrong", "other")
 # Concepts that words within a mention keep.
@@ -44,6 +44,7 @@ class Question:
         denied: whether it is asked for what is not so.
         by: ``height`` or ``size`` where things are put in their order.
         strange: words that nothing knows.
+        property: a property beside it that no component is.
         subject: whom "it" means afterwards.
         again: for ``which_one``, what is asked about the one that is meant.
     """
@@ -59,6 +60,7 @@ class Question:
     denied: bool = False
     by: str = ""
     strange: list[str] = field(default_factory=list)
+    property: str = ""
     subject: list[Candidate] = field(default_factory=list)
     again: Question | None = None
     claim: list[str] = field(default_factory=list)
@@ -81,7 +83,11 @@ class Understanding:
             name: [name, str(words["components"].get(name, name)), *words["synonyms"].get(name, [])]
             for name in decision.components
         }
-        known = {word.lower() for called in self._components.values() for word in called}
+        known = {
+            word.lower()
+            for name, called in self._components.items()
+            for word in (*called, *words["opposites"].get(name, []))
+        }
         self._properties = {
             name: [word for word in called if word.lower() not in known]
             for name, called in (
@@ -98,7 +104,9 @@ class Understanding:
     @property
     def _names(self) -> list[str]:
         things = [word for thing in self.places.things for word in thing.object.split()]
-        return [*things, *self.words["other_things"], *self.words["other_looks"], *self._known_words]
+        ends = self.language.content["degrees"].values()
+        degrees = [form for word in self._known_words for end in ends for form in _degrees(word, end)]
+        return [*things, *self.words["other_things"], *self.words["other_looks"], *self._known_words, *degrees]
 
     def read(self, text: str, before: Question | None = None) -> list[Question]:
         """The questions in a text; one that refers back ("and B?", "where is it?") goes on with ``before``."""
@@ -130,7 +138,7 @@ class Understanding:
         mentions = finder.mentions()
         inside = {at: mention for mention in mentions for at in range(mention.start, mention.end)}
         free = [s for s in spans if s.concept in _KEPT or not any(at in inside for at in range(s.start, s.end))]
-        free += [s for s in spans if s.start in inside and s.start in inside[s.start].asked and ":" in s.concept]
+        free += [s for s in spans if s.start in inside and s.start in inside[s.start].asked and s.concept not in _KEPT]
         named = {s.start: s.concept.partition(":")[2] for s in free if s.concept.startswith("component:")}
         factors = factors_in(tokens, named, self.decision.components, self.language)
         bag = self._bag(free, mentions, named, factors or factor_in(tokens, self.language) is not None, tokens)
@@ -151,16 +159,28 @@ class Understanding:
         return len(word) < 2 or self.language.knows(word) or self.language.stem(word, set(self._names)) is not None
 
     def _properties_in(self, tokens: Sequence[Token]) -> list[Span]:
+        """Components and other properties, in any degree ("flattest"), by their opposites too."""
         found = []
-        for sort, lists in (("component", self._components), ("property", self._properties)):
+        opposite = {name: self.words["opposites"].get(name, []) for name in self._components}
+        for sort, lists in (("component", self._components), ("component", opposite), ("property", self._properties)):
             for name, called in lists.items():
                 for word in called:
                     typed = word.lower().rstrip("*").split()
                     for i in range(len(tokens) - len(typed) + 1):
                         here = [token.word for token in tokens[i : i + len(typed)]]
-                        if here == typed or (word.endswith("*") and here[0].startswith(typed[0])):
-                            found.append(Span(f"{sort}:{name}", i, i + len(typed)))
+                        degree = self._degree(here[0], typed[0]) if len(typed) == 1 else None
+                        if here == typed or degree or (word.endswith("*") and here[0].startswith(typed[0])):
+                            concepts = [f"{sort}:{name}", *([degree] if degree else [])]
+                            concepts += ["opposite"] if lists is opposite else []
+                            found += [Span(concept, i, i + len(typed)) for concept in concepts]
         return found
+
+    def _degree(self, typed: str, word: str) -> str | None:
+        """Whether a typed word is more, or most, of another."""
+        for concept, ending in self.language.content["degrees"].items():
+            if typed in _degrees(word, ending):
+                return str(concept)
+        return None
 
     def _bag(
         self, free: list[Span], mentions: list[Mention], named: dict[int, str], factor: bool, tokens: list[Token]
@@ -169,7 +189,7 @@ class Understanding:
         bag: dict[str, float] = {}
         for span in free:
             name = span.concept.partition(":")[0]
-            if name not in self.language.asked and name not in ("component", "property"):
+            if name not in self.language.asked and name not in ("component", "property", "opposite"):
                 continue
             bag[name] = max(bag.get(name, 0.0), float(span.end - span.start))
         others = [m for m in mentions if m.sort in ("one", "it") and not _all_own(m)]
@@ -204,6 +224,7 @@ class Understanding:
             return self._absent(gone, question)
         if strange and question.component is None and kind in intents()["strange"]:
             return replace(question, kind="no_component", component=strange)
+        question.property = strange or "" if kind in ("contrastive", "shallow", "pair") else ""
         settled = [self._meant(m, m.start > turn, "why" in bag or "choose" in bag) for m in mentions]
         about = _distinct([c for found in settled for c in found if len(found) == 1 or mentions[settled.index(found)].sort == "it"])
         several = next((m for m, f in zip(mentions, settled, strict=True) if m.sort == "one" and len(f) > 1), None)
@@ -211,9 +232,11 @@ class Understanding:
         group = next((m for m in mentions if m.sort in ("many", "some")), None)
         question.said, question.places = (group.said, group.places) if group else ("", [])
         question.claim = group.words if group and group.sort == "some" else []
-        question.most = True if "most" in bag else False if "least" in bag else None
-        question.denied = "not" in bag
-        question.by = "height" if "height" in bag else "size" if "size" in bag else ""
+        opposite = "opposite" in bag
+        up, down = {"most", "tallest", "largest"}, {"least", "lowest", "smallest"}
+        question.most = not opposite if up & set(bag) else opposite if down & set(bag) else None
+        question.denied = ("not" in bag) != opposite
+        question.by = "height" if {"tallest", "lowest"} & set(bag) else "size" if {"largest", "smallest"} & set(bag) else ""
         if before is not None and before.kind == "which_one" and before.again is not None and len(words) <= _SHORT:
             if answered := self._answered(before, mentions, about, tokens):
                 return answered
@@ -320,6 +343,11 @@ class Understanding:
 
 def _all_own(mention: Mention) -> bool:
     return bool(mention.things) and all(is_own(c) for c in mention.things)
+
+
+def _degrees(word: str, ending: str) -> tuple[str, str]:
+    """How an adjective may be written with an ending: "steeper", "flatter"."""
+    return word + ending, word + word[-1] + ending
 
 
 def _distinct(things: Sequence[Candidate]) -> list[Candidate]:

@@ -12,6 +12,8 @@ from xqmap.explanations.dialogue.places import DIRECTIONS, Places
 
 # Words a description may have that nothing knows: "the golden toy cube".
 _UNKNOWN = 2
+# Things that lie "near" another.
+_NEAREST = 3
 _PLACES = (*DIRECTIONS, "middle", "corner", "edge")
 _BESIDE = {"left_of": "left", "right_of": "right", "above_of": "top", "below_of": "bottom"}
 
@@ -30,6 +32,7 @@ class Mention:
         letter: whether a letter named it.
         places: place words in it.
         unknown: whether it has words that nothing knows.
+        head: the token after its articles.
         asked: tokens within that name a property: "the least flat block".
     """
 
@@ -42,6 +45,7 @@ class Mention:
     letter: bool = False
     places: list[str] = field(default_factory=list)
     unknown: bool = False
+    head: int = 0
     asked: list[int] = field(default_factory=list)
 
 
@@ -80,6 +84,7 @@ class Referring:
         at = 0
         while at < len(self.tokens):
             mention = self._cell(at) or self._own(at) or self._letter(at) or self._phrase(at) or self._pronoun(at)
+            mention = mention or self._around(at)
             if mention is None:
                 at += 1
                 continue
@@ -100,6 +105,9 @@ class Referring:
     def _past(self, at: int, *concepts: str) -> int:
         """The token after the longest of these concepts that begins here, or ``at``."""
         return at + max((self._at[at].get(c, 0) for c in concepts), default=0) if at < len(self.tokens) else at
+
+    def _property(self, at: int) -> bool:
+        return any(name.startswith("component:") for name in self._at[at])
 
     def _number(self, at: int) -> float | None:
         return self.tokens[at].number if at < len(self.tokens) else None
@@ -194,10 +202,11 @@ class Referring:
         ordinals = self.language.content["ordinals"]
         while at < len(self.tokens):
             token = self.tokens[at]
-            if not determined and any(name.startswith("component:") for name in self._at[at]):
+            if not determined and self._property(at):
                 # "Is it flat?" asks for a property.
                 break
-            if best and any(name.startswith("component:") for name in self._at[at]):
+            if (best or (determined and self._is(at, "most"))) and self._property(at):
+                best = True
                 asked.append(at)
                 at += 1
                 continue
@@ -245,11 +254,15 @@ class Referring:
         if other:
             said = str(self.language.content["of_other"]).format(thing=said)
         mention = Mention(start, at, "one", said=said, words=words)
+        mention.head = first
         mention.places, mention.unknown, mention.asked = sides, bool(strange), asked
         plural = noun is not None and at > first and self._is_plural(self.tokens[at - 1].word, noun)
         alone = noun is None and not words and not strange
         pool = self._fitting(words, strange)
         if alone and not definite and not self._is(start - 1 if start else start, "not", "about", "or"):
+            mention.sort = "many"
+        elif alone and start and self._is(start - 1, "at"):
+            # "In the top left corner."
             mention.sort = "many"
         elif several or plural or best or (not determined and not words[:-1] and noun):
             mention.sort = "many"
@@ -264,6 +277,16 @@ class Referring:
             pool = [c for c in pool if not any(c is known for known in self._others_than())]
         mention.things = pool if chosen else self._chosen_by(pool, size, order, mention)
         return mention
+
+    def _around(self, at: int) -> Mention | None:
+        """What is near something, left of it, …, without a word for it: "what is next to B?"."""
+        relation = next((word for word in (*_BESIDE, "between", "near") if self._is(at, word)), None)
+        if relation is None or self._is(at - 1, "differ", "compare", "distance", "better", "choose") or not at:
+            return None
+        mention = Mention(at, at + 1, "many", head=at)
+        found = self._related(mention, list(self.places.objects), relation, at)
+        mention.things = found[:_NEAREST] if relation == "near" else found
+        return mention if mention.end > at + 1 else None
 
     def _others_than(self) -> list[Candidate]:
         chosen = self.places.decision.selected
@@ -308,14 +331,14 @@ class Referring:
             if relation and (nearer := self._related(mention, pool, relation, lead)):
                 pool = nearer
                 continue
-            end, sides, looks = self._side(at)
+            end, sides, looks = self._side(at, mention.sort == "many")
             if sides or looks:
                 mention.end = end
                 mention.places += sides
                 mention.words += looks
                 fitting = self._fitting(mention.words, strange) if looks else pool
                 pool = [c for c in pool if c in fitting]
-                mention.said = " ".join(t.text for t in self.tokens[mention.start : end])
+                mention.said = " ".join(t.text for t in self.tokens[mention.head : end])
                 continue
             return pool
 
@@ -341,11 +364,11 @@ class Referring:
             side = _BESIDE[relation]
             found = sorted((c for c in apart if places.beside(c, anchor, side) > 0), key=lambda c: places.apart(c, anchor))
         mention.end = end
-        mention.said = " ".join(t.text for t in self.tokens[mention.start : end])
+        mention.said = " ".join(t.text for t in self.tokens[mention.head : end])
         if not found:
             mention.unknown = True
             return []
-        return found if mention.sort == "many" and relation != "near" else found[:1]
+        return found if mention.sort == "many" else found[:1]
 
     def _anchor(self, at: int) -> Mention | None:
         if at >= len(self.tokens):
@@ -353,8 +376,8 @@ class Referring:
         found = self._own(at) or self._letter(at) or self._phrase(at) or self._pronoun(at)
         return found if found is not None and found.things else None
 
-    def _side(self, at: int) -> tuple[int, list[str], list[str]]:
-        """Place words after a description, and looks ("that is red"): where they end, and which they are."""
+    def _side(self, at: int, many: bool) -> tuple[int, list[str], list[str]]:
+        """Place words after a description, and looks ("that is red", "which cubes are red"): where they end, and which."""
         sides: list[str] = []
         looks: list[str] = []
         end = here = at
@@ -364,12 +387,12 @@ class Referring:
                 sides.append(word)
                 here += 1
                 end = here
-            elif (look := self._stem(here, self.looks)) and linked:
+            elif (look := self._stem(here, self.looks)) and linked and not self._property(here):
                 looks.append(look)
                 here += 1
                 end = here
-            elif self._is(here, "at", "definite", "picture"):
-                linked |= self._is(here, "linking")
+            elif self._is(here, "at", "definite", "picture") or (many and self._is(here, "is")):
+                linked |= self._is(here, "linking", "is")
                 past = max(here + 1, self._past(here, "at", "definite", "picture"))
                 end = past if self._is(here, "picture") and sides else end
                 here = past
@@ -394,10 +417,8 @@ class Referring:
             return self.places.farthest(pool, directions)[:1]
         if sides:
             there = [c for c in pool if self.places.lies(c, sides)]
-            if not there and len(pool) > 1 and len(directions) == 1 and len(sides) == 1 and mention.sort == "one":
-                # "The left one" of two: the one farther to the left.
-                there = self.places.farthest(pool, directions)[:1]
-            pool = there
+            # "The left one" of two that lie in the middle: what is left of it.
+            pool = there or [c for c in pool if len(pool) > 1 and self.places.lies(c, [*sides, "half"])]
         if size in ("big", "small"):
             known = [c for c in pool if self.places.cells(c)]
             pool = sorted(known, key=lambda c: (self.places.cells(c) or 0) * (-1 if size == "big" else 1))[:1] or pool

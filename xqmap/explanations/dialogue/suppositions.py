@@ -18,7 +18,7 @@ from xqmap.explanations.views.sentences import counted, listed, number, phrase, 
 
 
 def robust(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
-    said = [sentences.robustness(decision, words)]
+    said = [] if question.about else [sentences.robustness(decision, words)]
     if len(decision.components) > 1:
         others = question.about or decision.alternatives
         for other in [c for c in others if not together(c, decision.selected)]:
