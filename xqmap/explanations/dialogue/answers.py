@@ -28,7 +28,7 @@ def answer(question: Question, decision: Decision, words: Mapping[str, Any]) -> 
     if question.property:
         text += f" {lookups.no_component(Question('', component=question.property), decision, words)[0]}"
     if question.strange and question.kind not in ("unknown", "missing", "misplaced"):
-        passed = words["answers"]["strange"].format(words=listed([f'"{word}"' for word in question.strange]))
+        passed = words["answers"]["strange"].format(words=listed([f'"{word}"' for word in question.strange], words))
         text = f"{passed} {sentence(text)}"
     return sentence(text), computed
 
@@ -45,7 +45,7 @@ def _unknown(question: Question, decision: Decision, words: Mapping[str, Any]) -
 
 
 def _self(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
-    known = listed([phrase(name, words) for name in decision.components])
+    known = listed([phrase(name, words) for name in decision.components], words)
     return wording("self", decision, words).format(setting=words["setting"], components=known), []
 
 
@@ -118,7 +118,7 @@ def _component(question: Question, decision: Decision, words: Mapping[str, Any])
             named = {"other": called(other, decision, words), "component": phrase(best, words), "value": signed(delta[best])}
             said.append(sentence(words["answers"][key].format(**named)))
         return " ".join(said), []
-    values = listed([f"{phrase(name, words)} {number(chosen.values[name])}" for name in decision.components])
+    values = listed([f"{phrase(name, words)} {number(chosen.values[name])}" for name in decision.components], words)
     named = {"component": phrase(decision.shallow, words), "object": the(chosen.object), "values": values}
     return words["answers"]["component"].format(**named), []
 
@@ -139,10 +139,10 @@ def _sure(question: Question, decision: Decision, words: Mapping[str, Any]) -> A
     gaps = [chosen.overall - other.overall for other in others]
     behind = listed(
         [
-            f"{called(o, decision, words)} is {number(abs(g))} {'behind' if g >= 0 else 'ahead'}"
+            words["answers"]["behind" if g >= 0 else "ahead"].format(object=called(o, decision, words), gap=number(abs(g)))
             for o, g in zip(others, gaps, strict=True)
         ]
-    )
+    , words)
     text = sentence(words["answers"]["sure"].format(behind=behind))
     if error == 0:
         return f"{text} {words['answers']['sure_unknown']}", []
@@ -151,7 +151,7 @@ def _sure(question: Question, decision: Decision, words: Mapping[str, Any]) -> A
     narrow = [other for other, gap in zip(others, gaps, strict=True) if abs(gap) <= _NARROW * error]
     if narrow and not open_:
         key, open_ = "sure_narrow", narrow
-    against = listed([called(other, decision, words) for other in open_]) if open_ else ""
+    against = listed([called(other, decision, words) for other in open_], words) if open_ else ""
     return f"{text} {words['answers'][key].format(error=number(error), against=against)}", []
 
 
@@ -161,7 +161,7 @@ def _chance(question: Question, decision: Decision, words: Mapping[str, Any]) ->
 
 
 def _q_value(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
-    names = listed([phrase(name, words) for name in decision.components])
+    names = listed([phrase(name, words) for name in decision.components], words)
     chosen = decision.selected
     return wording("q_value", decision, words).format(
         components=names, object=the(chosen.object), overall=number(chosen.overall)
@@ -171,7 +171,7 @@ def _q_value(question: Question, decision: Decision, words: Mapping[str, Any]) -
 def _safe(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
     """What is known about whether it will go well: the values, and that no property is of that kind."""
     meant = question.about[0] if question.about else decision.selected
-    values = listed([f"{phrase(n, words)} {number(meant.values[n])}" for n in decision.components])
+    values = listed([f"{phrase(n, words)} {number(meant.values[n])}" for n in decision.components], words)
     known = [
         sentence(words["answers"]["meaning"].format(component=phrase(n, words), meaning=words["meanings"][n]))
         for n in decision.components

@@ -15,10 +15,11 @@ from xqmap.errors import UserError
 from xqmap.explanations.decision import Decision
 from xqmap.explanations.dialogue import answers
 from xqmap.explanations.dialogue.grounding import ungrounded
-from xqmap.explanations.dialogue.language import language
+from xqmap.explanations.dialogue.language import ENGLISH, language, languages
 from xqmap.explanations.dialogue.llm import LanguageModel, Message
 from xqmap.explanations.dialogue.questions import Question, Understanding
 from xqmap.explanations.dialogue.replies import Unanswered, after_thoughts
+from xqmap.explanations.dialogue.translation import translated
 from xqmap.explanations.views import plots
 from xqmap.explanations.views.sentences import number, phrase, signed, wording_for
 from xqmap.files import read_bytes
@@ -54,6 +55,21 @@ class Exchange:
     picture: str = ""
 
 
+class _Speech:
+    """What a conversation in one language needs.
+
+    Args:
+        decision: what it is about.
+        words: the wording in that language.
+        name: of the language.
+    """
+
+    def __init__(self, decision: Decision, words: Mapping[str, Any], name: str) -> None:
+        self.name, self.words = name, {**words, "numbers": language(name).content["numbers"]}
+        self.decision = translated(decision, words)
+        self.understanding = Understanding(self.decision, words, language(name))
+
+
 class Dialogue:
     """Asks and answers about a decision.
 
@@ -74,9 +90,9 @@ class Dialogue:
         self.folder = folder
         self.decision, self.model = decision, model
         self.exchanges: list[Exchange] = []
-        self.words = {**words, "numbers": language("en").content["numbers"]}
-        self._understanding = Understanding(decision, self.words, language("en"))
+        self.words = words
         self._before: Question | None = None
+        self._speech = _Speech(decision, words, ENGLISH)
 
     def ask(self, text: str, show: Callable[[str], None] = lambda piece: None) -> Exchange:
         """Answers a question; a model that fails is replaced by the templates for this once.
@@ -86,7 +102,8 @@ class Dialogue:
             show: gets the model's answer piece by piece as it comes.
         """
         text = printable(text)[:_LONGEST_QUESTION]
-        failure = ""
+        failure, speech = "", self._spoken(text)
+        names = " ".join(phrase(name, speech.words) for name in self.decision.components)
         if self.model is not None:
             try:
                 pieces = []
@@ -96,22 +113,36 @@ class Dialogue:
                 said = after_thoughts("".join(pieces))
                 if not said:
                     raise Unanswered("the model's answer was empty")
-                return self._keep(Exchange(text, said, "llm", ungrounded=ungrounded(said, self.decision, text)))
+                return self._keep(Exchange(text, said, "llm", ungrounded=ungrounded(said, speech.decision, f"{text} {names}")))
             except Unanswered as error:
                 failure = printable(str(error))
         said, kinds, found = [], [], []
-        for question in self._understanding.read(text, self._before):
+        for question in speech.understanding.read(text, self._before):
             if question.kind not in ("help", "unknown", "thanks"):
                 self._before = question
-            answer, computed = answers.answer(question, self.decision, self.words)
+            answer, computed = answers.answer(question, speech.decision, speech.words)
             # What is asked for and is not there may be called by its name.
-            asked = f"{text} {question.component or ''} {question.property} {question.thing} {question.said}"
-            found += ungrounded(answer, self.decision, asked, computed)
+            asked = f"{text} {names} {question.component or ''} {question.property} {question.thing} {question.said}"
+            found += ungrounded(answer, speech.decision, asked, computed)
             said.append(answer)
             kinds.append(question.kind)
         picture = self._drawn() if "show" in kinds else ""
-        said += [self.words["answers"]["show_file"].format(file=picture)] if picture else []
+        said += [speech.words["answers"]["show_file"].format(file=picture)] if picture else []
         return self._keep(Exchange(text, " ".join(said), "template", " + ".join(kinds), found, failure, picture))
+
+    def _spoken(self, text: str) -> _Speech:
+        """The language of a question: the last one, unless another knows more of its words."""
+        speech, known = self._speech, self._speech.understanding.knows(text)
+        for name in languages():
+            if name == speech.name:
+                continue
+            words = self.words if name == ENGLISH else wording_for(self.decision.task, name)
+            other = _Speech(self.decision, words, name)
+            if (found := other.understanding.knows(text)) > known:
+                # What was spoken of bears other names now.
+                speech, known, self._before = other, found, None
+        self._speech = speech
+        return speech
 
     def _drawn(self) -> str:
         """The file with the maps, or the values where there are none; empty where nothing may be written."""

@@ -29,7 +29,7 @@ def place(question: Question, decision: Decision, words: Mapping[str, Any]) -> A
     computed: list[float] = []
     if not question.about and question.pool:
         things = question.pool[:_MOST_PLACED]
-        return listed([called_where(c, decision, words) for c in things]) + ".", [
+        return listed([called_where(c, decision, words) for c in things], words) + ".", [
             float(at) for c in things for at in c.pixel or ()
         ]
     for c in question.about:
@@ -92,13 +92,13 @@ def which_one(question: Question, decision: Decision, words: Mapping[str, Any]) 
     """Asks back: several things fit."""
     shown = [called_where(c, decision, words) for c in question.about[:_MOST_PLACED]]
     count = counted_word(len(question.about), words)
-    asked = words["answers"]["which_one"].format(count=count, things=listed(shown))
+    asked = words["answers"]["which_one"].format(count=count, things=listed(shown, words))
     return asked, [float(len(question.about)), *(float(at) for c in question.about for at in c.pixel or ())]
 
 
 def misplaced(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
     """A thing that is there, but not where the question has it."""
-    shown = listed([called_where(c, decision, words) for c in question.about[:_MOST_PLACED]])
+    shown = listed([called_where(c, decision, words) for c in question.about[:_MOST_PLACED]], words)
     return words["answers"]["misplaced"].format(thing=question.thing, things=shown), [
         float(at) for c in question.about for at in c.pixel or ()
     ]
@@ -131,7 +131,7 @@ def identity(question: Question, decision: Decision, words: Mapping[str, Any]) -
     """Whether a thing is what the question takes it for."""
     meant = question.about[0] if question.about else decision.selected
     if question.pool is None:
-        values = listed([f"{phrase(n, words)} {number(meant.values[n])}" for n in decision.components])
+        values = listed([f"{phrase(n, words)} {number(meant.values[n])}" for n in decision.components], words)
         return words["answers"]["is_a"].format(
             this=sentences.referred(meant, words) if is_own(meant) else words["answers"]["this"],
             object=called_where(meant, decision, words) if not is_own(meant) else called(meant, decision, words),
@@ -146,7 +146,7 @@ def identity(question: Question, decision: Decision, words: Mapping[str, Any]) -
 def disagree(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
     """What the decision holds about a thing of which the person says something else."""
     meant = question.about[0] if question.about else decision.selected
-    values = listed([f"{phrase(n, words)} {number(meant.values[n])}" for n in decision.components])
+    values = listed([f"{phrase(n, words)} {number(meant.values[n])}" for n in decision.components], words)
     names = {"object": called(meant, decision, words), "values": values, "claim": question.said}
     if question.pool and any(c is meant for c in question.pool):
         return words["answers"]["agreed"].format(**names), []

@@ -76,7 +76,7 @@ def ungrounded(answer: str, decision: Decision, question: str = "", extra: Itera
         for match in _LABEL.finditer(answer)
         if match.group(1) not in labels and match.group(0) not in question
     ]
-    names = {candidate.object.lower() for candidate in (*decision.candidates, *decision.objects)}
+    names = {candidate.object.lower().strip("»«") for candidate in (*decision.candidates, *decision.objects)}
     things = {*_NOUNS, *_known("other_things"), *(name.split()[-1] for name in names)}
     nouns = "|".join(re.escape(noun) for noun in sorted(things))
     described_by = [set(name.split()) for name in names]

@@ -21,6 +21,8 @@ _ONE_SLIP, _TWO_SLIPS = 4, 8
 _FOLDED = str.maketrans({"ä": "a", "ö": "o", "ü": "u", "ß": "s", "é": "e"})
 # What intents.yaml holds beside the languages.
 INTENTS = "intents"
+# What the names of things, and the wording of a task without more ado, are in.
+ENGLISH = "en"
 
 
 @dataclass(frozen=True)

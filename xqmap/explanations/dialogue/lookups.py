@@ -34,7 +34,7 @@ def missing(question: Question, decision: Decision, words: Mapping[str, Any]) ->
 
 def no_component(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
     """A property without a Q-Map of its own."""
-    known = listed([phrase(name, words) for name in decision.components])
+    known = listed([phrase(name, words) for name in decision.components], words)
     return wording("no_component", decision, words).format(
         component=phrase(question.component or "", words), known=known
     ), []
@@ -43,10 +43,10 @@ def no_component(question: Question, decision: Decision, words: Mapping[str, Any
 def component_of(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
     """The values of one component."""
     name = question.component or decision.components[0]
-    said = [f"{number(c.values[name])} for {called(c, decision, words)}" for c in question.about or (question.pool or [])[:_MOST_LISTED]]
+    said = [words["answers"]["value_of"].format(value=number(c.values[name]), object=called(c, decision, words)) for c in question.about or (question.pool or [])[:_MOST_LISTED]]
     key = "component_of" if name in words["meanings"] else "component_of_alone"
     meaning = words["meanings"].get(name, "")
-    return words["answers"][key].format(component=phrase(name, words), values=listed(said), meaning=meaning), []
+    return words["answers"][key].format(component=phrase(name, words), values=listed(said, words), meaning=meaning), []
 
 
 def meaning(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
@@ -60,7 +60,7 @@ def values(question: Question, decision: Decision, words: Mapping[str, Any]) -> 
     """All values of things."""
     said = []
     for c in question.about or (question.pool or [])[:_MOST_FOUND]:
-        values = listed([f"{phrase(name, words)} {number(c.values[name])}" for name in decision.components])
+        values = listed([f"{phrase(name, words)} {number(c.values[name])}" for name in decision.components], words)
         named = {"object": called(c, decision, words), "values": values, "overall": number(c.overall)}
         said.append(sentence(wording("values", decision, words).format(**named)))
     return " ".join(said), []
@@ -68,8 +68,11 @@ def values(question: Question, decision: Decision, words: Mapping[str, Any]) -> 
 
 def listing(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
     """The candidates."""
-    lines = [f"{c.label}, {the(c.object)} (overall value {number(c.overall)})" for c in decision.candidates]
-    return wording("list", decision, words).format(candidates=listed(lines)), []
+    lines = [
+        words["answers"]["listed"].format(label=c.label, object=the(c.object), overall=number(c.overall))
+        for c in decision.candidates
+    ]
+    return wording("list", decision, words).format(candidates=listed(lines, words)), []
 
 
 def scene(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
@@ -85,7 +88,7 @@ def scene(question: Question, decision: Decision, words: Mapping[str, Any]) -> A
     shown, computed = [], [float(len(things))]
     for name in names[:_MOST_LISTED]:
         here = [thing for thing in things if thing.object == name]
-        said = f"{counted_word(len(here), words)} {plural(name, len(here), words)}"
+        said = so_many(name, len(here), words)
         if asked is not None and len(things) <= _MOST_LISTED:
             spots = [spot for thing in here if (spot := _spot(thing, decision, words))]
             said += f" ({'; '.join(spots)})" if spots else ""
@@ -93,9 +96,9 @@ def scene(question: Question, decision: Decision, words: Mapping[str, Any]) -> A
         computed.append(float(len(here)))
     if len(names) > _MOST_LISTED:
         shown.append(words["answers"]["others"])
-    total = f"{counted_word(len(things), words)} {plural(words['answers']['an_object'], len(things), words)}"
+    total = so_many(words["answers"]["an_object"], len(things), words)
     key = "scene" if len(names) > 1 else "scene_one"
-    return words["answers"][key].format(total=total, things=listed(shown)), computed
+    return words["answers"][key].format(total=total, things=listed(shown, words)), computed
 
 
 def _spot(thing: Candidate, decision: Decision, words: Mapping[str, Any]) -> str:
@@ -117,9 +120,10 @@ def counted_word(count: int, words: Mapping[str, Any]) -> str:
     return str(words["numbers"][count]) if count < len(words["numbers"]) else str(count)
 
 
-def plural(name: str, count: int, words: Mapping[str, Any]) -> str:
-    """A name for so many of its things."""
-    return name if count == 1 else str(words["answers"]["plural"]).format(name=name)
+def so_many(name: str, count: int, words: Mapping[str, Any]) -> str:
+    """So many things of a name."""
+    called = name if count == 1 else str(words["answers"]["plural"]).format(name=name)
+    return str(words["answers"]["count"]).format(count=counted_word(count, words), name=called)
 
 
 def who(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
@@ -173,7 +177,7 @@ def of_number(question: Question, decision: Decision, words: Mapping[str, Any]) 
         found.append(say["number_error"])
     if not found:
         return say["number_none"].format(number=asked), []
-    return say["number"].format(number=asked, what=listed(found[:_MOST_FOUND])), []
+    return say["number"].format(number=asked, what=listed(found[:_MOST_FOUND], words)), []
 
 
 def _is(value: float, printed: str) -> bool:

@@ -9,7 +9,7 @@ from typing import Any
 from xqmap.explanations.candidate import SELECTED, Candidate, together
 from xqmap.explanations.decision import Decision
 from xqmap.explanations.dialogue.places import Places
-from xqmap.explanations.views.sentences import the
+from xqmap.explanations.views.sentences import another, the
 
 
 def is_listed(thing: Candidate, decision: Decision) -> bool:
@@ -49,9 +49,7 @@ def where(thing: Candidate, decision: Decision, words: Mapping[str, Any]) -> str
 def _apart(candidate: Candidate, decision: Decision, words: Mapping[str, Any]) -> str:
     chosen, name, say = decision.selected, candidate.object, words["answers"]
     if name == chosen.object and not together(candidate, chosen):
-        name = (say["another"] if candidate.object_index is not None else say["another_spot"]).format(
-            object=name, the=the(name)
-        )
+        name = another(candidate, words)
     if candidate.object_index is None or candidate.label not in ("", candidate.object):
         return name
     places = Places(decision)

@@ -12,7 +12,7 @@ from xqmap.explanations.dialogue.factors import factor_in, factors_in
 from xqmap.explanations.dialogue.intents import choose
 from xqmap.explanations.dialogue.language import Language, Span, Token, intents
 from xqmap.explanations.dialogue.places import Places
-from xqmap.explanations.dialogue.referring import Mention, Referring, is_own
+from xqmap.explanations.dialogue.referring import Mention, Referring, is_own, words_of
 
 # Words of a question like "the red one?", which goes on with the one before.
 _SHORT = 5
@@ -103,10 +103,15 @@ class Understanding:
 
     @property
     def _names(self) -> list[str]:
-        things = [word for thing in self.places.things for word in thing.object.split()]
+        things = [word for thing in self.places.things for word in words_of(thing)]
         ends = self.language.content["degrees"].values()
         degrees = [form for word in self._known_words for end in ends for form in _degrees(word, end)]
         return [*things, *self.words["other_things"], *self.words["other_looks"], *self._known_words, *degrees]
+
+    def knows(self, text: str) -> int:
+        """How many words of a text are of this language."""
+        words = [token.word for token in self.language.tokens(text) if token.is_word]
+        return sum(self._known(word) for word in words)
 
     def read(self, text: str, before: Question | None = None) -> list[Question]:
         """The questions in a text; one that refers back ("and B?", "where is it?") goes on with ``before``."""

@@ -29,7 +29,7 @@ def most(question: Question, decision: Decision, words: Mapping[str, Any]) -> An
     worth = _worth(question, decision)
     first, *rest = [f"{called(c, decision, words)} {say['with'].format(value=number(worth(c)))}" for c in shown]
     template = say[("least" if lowest else "most") if rest else "only"]
-    return template.format(of=_of(question, words), first=first, rest=listed(rest) if rest else ""), [
+    return template.format(of=_of(question, words), first=first, rest=listed(rest, words) if rest else ""), [
         worth(c) for c in shown
     ]
 
@@ -42,7 +42,7 @@ def rank(question: Question, decision: Decision, words: Mapping[str, Any]) -> An
     shown = [f"{called(c, decision, words)} ({number(worth(c))})" for c in order[:_MOST_RANKED]]
     rest = len(order) - len(shown)
     more = [say["more"].format(count=rest)] if rest else []
-    return say["ranked"].format(of=_of(question, words), things=listed([*shown, *more])), [
+    return say["ranked"].format(of=_of(question, words), things=listed([*shown, *more], words)), [
         float(rest),
         *map(worth, order),
     ]
@@ -63,8 +63,8 @@ def which(question: Question, decision: Decision, words: Mapping[str, Any]) -> A
     shown = [f"{called(c, decision, words)} ({number(c.values[name])})" for c in found[:_MOST_RANKED]]
     more = [say["more"].format(count=len(found) - len(shown))] if len(found) > len(shown) else []
     close = [c for c in found if abs(c.values[name] - _HALF) <= decision.noise.get(name, 0.0)]
-    doubt = f" {say['which_close'].format(things=listed([called(c, decision, words) for c in close]))}" if close else ""
-    return say["which"].format(**counted, things=listed([*shown, *more])) + doubt, [_HALF, len(found), len(order)]
+    doubt = f" {say['which_close'].format(things=listed([called(c, decision, words) for c in close], words))}" if close else ""
+    return say["which"].format(**counted, things=listed([*shown, *more], words)) + doubt, [_HALF, len(found), len(order)]
 
 
 def difference(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:

@@ -74,9 +74,9 @@ class Referring:
         self._at: list[dict[str, int]] = [{} for _ in tokens]
         for span in spans:
             self._at[span.start][span.concept] = max(span.end - span.start, self._at[span.start].get(span.concept, 0))
-        names = [thing.object.lower().split() for thing in places.things]
-        self.nouns = {name[-1] for name in names} | set(others["other_things"])
-        self.looks = {word for name in names for word in name[:-1]} | set(others["other_looks"])
+        names = [words_of(thing) for thing in places.things]
+        self.nouns = {name[-1] for name in names} | {word.lower() for word in others["other_things"]}
+        self.looks = {word for name in names for word in name[:-1]} | {word.lower() for word in others["other_looks"]}
 
     def mentions(self) -> list[Mention]:
         """All of them, in the order of the question."""
@@ -304,7 +304,7 @@ class Referring:
     def _fitting(self, words: list[str], strange: list[str]) -> list[Candidate]:
         """The things whose names hold all of the words; without a word, the objects."""
         if strange:
-            known = [set(thing.object.lower().split()) for thing in self.places.things]
+            known = [set(words_of(thing)) for thing in self.places.things]
             return [t for t, name in zip(self.places.things, known, strict=True) if {*words, *strange} <= name]
         if not words:
             return list(self.places.objects)
@@ -312,7 +312,7 @@ class Referring:
         return [
             thing
             for thing in self.places.things
-            if all(any(set(stems(word)) & set(stems(part)) for part in thing.object.split()) for word in words)
+            if all(any(set(stems(word)) & set(stems(part)) for part in words_of(thing)) for word in words)
         ]
 
     def _after(self, mention: Mention, pool: list[Candidate], strange: list[str]) -> list[Candidate]:
@@ -429,6 +429,11 @@ class Referring:
             ranked = sorted(pool, key=lambda c: -c.overall)
             return ranked[order - 1 : order] if order > 0 else ranked[order:]
         return pool
+
+
+def words_of(thing: Candidate) -> list[str]:
+    """The words of a thing's name."""
+    return thing.object.lower().strip("»«").split()
 
 
 def is_own(thing: Candidate) -> bool:

@@ -38,12 +38,12 @@ def what_if(question: Question, decision: Decision, words: Mapping[str, Any]) ->
         return sum(factors[name] * candidate.values[name] for name in decision.components)
 
     changes = [
-        f"{phrase(name, words)} {'counted as much as now' if f == 1 else counted(f)}"
+        f"{phrase(name, words)} {words['counted']['same'] if f == 1 else counted(f, words)}"
         for name, f in question.factors.items()
     ]
     kept = together(best, chosen) or worth(chosen) >= worth(best) - 1e-9
     named = {
-        "changes": listed(changes),
+        "changes": listed(changes, words),
         "object": the(chosen.object),
         "overall": number(worth(best)),
         "kept": number(worth(chosen)),
@@ -71,7 +71,7 @@ def turn(question: Question, decision: Decision, words: Mapping[str, Any]) -> An
                 weight = contrast.flip_points(contrast.rdx(decision.selected.values, other.values)).get(name)
                 key = "turn_never" if weight is None else "turn_to"
                 named = {"component": phrase(name, words), "other": called(other, decision, words)}
-                said.append(say[key].format(**named, counted=counted(weight or 0.0)))
+                said.append(say[key].format(**named, counted=counted(weight or 0.0, words)))
                 found += [weight] if weight is not None else []
             continue
         points = turning_points(decision, name)
@@ -122,7 +122,7 @@ def above(question: Question, decision: Decision, words: Mapping[str, Any]) -> A
     over = [
         f"{phrase(n, words)} {number(value)}" for n, value in decision.selected.values.items() if value > 1
     ]
-    shown = say["above_here"].format(values=listed(over)) if over else say["above_none"]
+    shown = say["above_here"].format(values=listed(over, words)) if over else say["above_none"]
     error = say["above_error"].format(error=number(decision.error)) if decision.error else ""
     luck = say["above_luck"].format(cells=cells) if cells else ""
     return " ".join(part for part in (say["above"], shown, error, luck) if part), [float(cells)]

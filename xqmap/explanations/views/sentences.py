@@ -30,16 +30,17 @@ def signed(value: float) -> str:
     return text if text.startswith("-") or float(text) == 0 else f"+{text}"
 
 
-def listed(words: Sequence[str]) -> str:
+def listed(items: Sequence[str], words: Mapping[str, Any]) -> str:
     """Words as a list in a sentence: a; a and b; a, b and c."""
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+    return items[0] if len(items) == 1 else f"{', '.join(items[:-1])} {words['and']} {items[-1]}"
 
 
-def wording_for(task: str) -> dict[str, Any]:
+def wording_for(task: str, language: str = "") -> dict[str, Any]:
     """The templates of a task (``conf/explain/wording``) over those that its file names as ``defaults``, or the plain
-    ones.
+    ones; of a ``language``, those of its files (``landing_de``) over them.
     """
-    merged = OmegaConf.merge(_wording("plain"), _wording(task))
+    files = ["plain", task, *([f"plain_{language}", f"{task}_{language}"] if language else [])]
+    merged = OmegaConf.merge(*map(_wording, files))
     return {str(key): value for key, value in OmegaConf.to_container(merged).items()}  # type: ignore[union-attr]
 
 
@@ -96,7 +97,7 @@ def shallow(decision: Decision, words: Mapping[str, Any]) -> str:
         c for c in decision.alternatives if number(c.overall) != number(chosen.overall) and c.overall > chosen.overall
     ]:
         return words["shallow_not_highest"].format(
-            **names, other=listed([f"{the(c.object)} ({c.label})" for c in better])
+            **names, other=listed([f"{the(c.object)} ({c.label})" for c in better], words)
         )
     if len(decision.components) == 1:
         return words["shallow_single"].format(**names)
@@ -125,8 +126,8 @@ def contrastive(decision: Decision, first: Candidate, second: Candidate, words: 
         "verb": words["verb"],
         "object": the(first.object),
         "first": _called(first),
-        "other": _other(first, second),
-        "labeled": _called(second, _other(first, second)),
+        "other": _other(first, second, words),
+        "labeled": _called(second, _other(first, second, words)),
         "gap": number(abs(gap)),
         "error": number(decision.error),
     }
@@ -143,12 +144,12 @@ def contrastive(decision: Decision, first: Candidate, second: Candidate, words: 
     kind = "lower" if gap < 0 else "contrastive" if chose else "pair"
     text = words[f"{kind}_both" if con else kind].format(
         **names,
-        pro=listed([phrase(n, words) for n in pro]),
+        pro=listed([phrase(n, words) for n in pro], words),
         speaks_for="speaks" if len(pro) == 1 else "speak",
-        pro_values=listed([signed(delta[n]) for n in pro]),
-        con=listed([phrase(n, words) for n in con]) if con else "",
+        pro_values=listed([signed(delta[n]) for n in pro], words),
+        con=listed([phrase(n, words) for n in con], words) if con else "",
         speaks_against="speaks" if len(con) == 1 else "speak",
-        con_values=listed([signed(delta[n]) for n in con]) if con else "",
+        con_values=listed([signed(delta[n]) for n in con], words) if con else "",
     )
     more = [] if gap < 0 else [*_enough(delta, len(pro), words), turn(delta, names["other"], words)]
     return " ".join(sentence(part) for part in [text, *more])
@@ -166,7 +167,7 @@ def _same(first: Candidate, second: Candidate, words: Mapping[str, Any]) -> str:
     if gap == "0.00":
         return sentence(words["same_object"].format(**names))
     better = names["first" if first.overall > second.overall else "second"]
-    values = listed([f"{phrase(name, words)} {signed(value)}" for name, value in delta.items()])
+    values = listed([f"{phrase(name, words)} {signed(value)}" for name, value in delta.items()], words)
     template = words["same_object_better" if len(delta) > 1 else "same_object_single"]
     return sentence(template.format(**names, better=better, gap=gap, values=values))
 
@@ -190,7 +191,7 @@ def robustness(decision: Decision, words: Mapping[str, Any]) -> str:
     if found is None:
         return str(words["robust_alone"])
     distance, name = found
-    other = the(name) if name != decision.selected.object else f"another {name}"
+    other = the(name) if name != decision.selected.object else str(words["another"]).format(object=name)
     if not math.isfinite(distance):
         return sentence(words["robust_never"].format(other=other))
     return sentence(words["robust"].format(other=other, distance=number(abs(distance))))
@@ -201,13 +202,13 @@ def turn(delta: Mapping[str, float], other: str, words: Mapping[str, Any]) -> st
     found = contrast.nearest_flip(delta)
     if found is None:
         return str(words["no_flip"]).format(other=other)
-    return str(words["flip"]).format(component=phrase(found[0], words), counted=counted(found[1]), other=other)
+    return str(words["flip"]).format(component=phrase(found[0], words), counted=counted(found[1], words), other=other)
 
 
-def counted(weight: float) -> str:
+def counted(weight: float, words: Mapping[str, Any]) -> str:
     """How much a component counts, in words: "did not count", "counted half as much", "counted 1.30 times as much"."""
-    known = {"0.00": "did not count", "0.50": "counted half as much", "2.00": "counted twice as much"}
-    return known.get(number(weight), f"counted {number(weight)} times as much")
+    known = words["counted"]
+    return str(known.get(number(weight), known["times"])).format(times=number(weight))
 
 
 def phrase(component: str, words: Mapping[str, Any]) -> str:
@@ -216,8 +217,8 @@ def phrase(component: str, words: Mapping[str, Any]) -> str:
 
 
 def the(thing: str) -> str:
-    """A thing's name with its article."""
-    return thing if thing.startswith(("the ", "a ", "an ", "another ")) else f"the {thing}"
+    """A thing's name with its article; one in »quotation marks«, of a language that inflects names, as it is."""
+    return thing if thing.startswith(("the ", "a ", "an ", "another ", "»")) else f"the {thing}"
 
 
 def sentence(text: str) -> str:
@@ -233,10 +234,14 @@ def _called(candidate: Candidate, name: str = "") -> str:
     return name if candidate.label in (SELECTED, candidate.object) else f"{name} ({candidate.label})"
 
 
-def _other(first: Candidate, second: Candidate) -> str:
-    if first.object != second.object:
-        return the(second.object)
-    return f"another spot of {the(second.object)}" if second.object_index is None else f"another {second.object}"
+def _other(first: Candidate, second: Candidate, words: Mapping[str, Any]) -> str:
+    return the(second.object) if first.object != second.object else another(second, words)
+
+
+def another(thing: Candidate, words: Mapping[str, Any]) -> str:
+    """A thing that bears the name of one that was spoken of."""
+    template = words["another_spot" if thing.object_index is None else "another"]
+    return str(template).format(object=thing.object, the=the(thing.object))
 
 
 def _agreeing(decision: Decision, words: Mapping[str, Any]) -> str:
@@ -256,11 +261,11 @@ def _agreeing(decision: Decision, words: Mapping[str, Any]) -> str:
         str(template).format(
             verb=words["verb"],
             object=the(chosen.object),
-            spots=listed(spots),
+            spots=listed(spots, words),
             spot="spots" if many else "spot",
             are="are" if many else "is",
             lie="lie" if many else "lies",
-            components=listed([phrase(whose.get(c.label, c.label), words) for c in here]),
+            components=listed([phrase(whose.get(c.label, c.label), words) for c in here], words),
             agree="agree" if many else "agrees",
         )
     )
@@ -274,7 +279,7 @@ def _enough(delta: Mapping[str, float], reasons: int, words: Mapping[str, Any]) 
     said = []
     if plus and len(plus) < reasons:
         own, outweighs = ("its own", "outweighs") if len(plus) == 1 else ("their own", "outweigh")
-        said.append(words["msx"].format(own=own, plus=listed([phrase(n, words) for n in plus]), outweighs=outweighs))
+        said.append(words["msx"].format(own=own, plus=listed([phrase(n, words) for n in plus], words), outweighs=outweighs))
     if minus:
-        said.append(words["msx_minus"].format(minus=listed([phrase(n, words) for n in minus])))
+        said.append(words["msx_minus"].format(minus=listed([phrase(n, words) for n in minus], words)))
     return said
