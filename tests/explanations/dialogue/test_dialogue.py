@@ -78,7 +78,10 @@ def test_fixed_questions_are_understood_answered_and_grounded(task: str) -> None
         (
             "Which blocks are flat?",
             "which",
-            ["Of three, two have a value of flatness above 0.50", "blue flat block (0.97) and the gray flat block (0.96)"],
+            [
+                "Of three, two have a value of flatness above 0.50",
+                "blue flat block (0.97) and the gray flat block (0.96)",
+            ],
         ),
         (
             "What is the worst option?",

@@ -8,13 +8,13 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from xqmap.explanations import contrast
-from xqmap.explanations.candidate import Candidate, together
+from xqmap.explanations.candidate import together
 from xqmap.explanations.decision import Decision
 from xqmap.explanations.dialogue import facts, lookups, rankings, suppositions
 from xqmap.explanations.dialogue.lookups import Answer, wording
+from xqmap.explanations.dialogue.mentions import is_own
 from xqmap.explanations.dialogue.naming import called, is_listed, placed
-from xqmap.explanations.dialogue.questions import Question
-from xqmap.explanations.dialogue.referring import is_own
+from xqmap.explanations.dialogue.question import Question
 from xqmap.explanations.views import sentences
 from xqmap.explanations.views.sentences import listed, number, phrase, sentence, signed, the
 
@@ -58,7 +58,9 @@ def _contrastive(question: Question, decision: Decision, words: Mapping[str, Any
         others = [c for c in question.pool if not is_own(c)]
         return facts.best_of(others, decision, words) if others else facts.presupposed(question, decision, words)
     if not question.about:
-        return facts.best_of(decision.others[:1], decision, words) if decision.others else (words["answers"]["alone"], [])
+        return (
+            facts.best_of(decision.others[:1], decision, words) if decision.others else (words["answers"]["alone"], [])
+        )
     if question.about == [decision.selected]:
         same = words["answers"]["same_place"].format(
             this=words["answers"]["this"], object=the(decision.selected.object)
@@ -100,7 +102,10 @@ def _runner_up(question: Question, decision: Decision, words: Mapping[str, Any])
         return words["answers"]["alone"], []
     best = decision.others[0]
     text = words["answers"]["runner_up"].format(other=called(best, decision, words), overall=number(best.overall))
-    return f"{sentence(text)} {sentences.contrastive(decision, decision.selected, placed(best, decision, words), words)}", []
+    return (
+        f"{sentence(text)} {sentences.contrastive(decision, decision.selected, placed(best, decision, words), words)}",
+        [],
+    )
 
 
 def _component(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
@@ -115,7 +120,11 @@ def _component(question: Question, decision: Decision, words: Mapping[str, Any])
             delta = contrast.rdx(chosen.values, other.values)
             best = max(delta, key=lambda name: delta[name])
             key = "component_against" if delta[best] > 0 else "component_none_against"
-            named = {"other": called(other, decision, words), "component": phrase(best, words), "value": signed(delta[best])}
+            named = {
+                "other": called(other, decision, words),
+                "component": phrase(best, words),
+                "value": signed(delta[best]),
+            }
             said.append(sentence(words["answers"][key].format(**named)))
         return " ".join(said), []
     values = listed([f"{phrase(name, words)} {number(chosen.values[name])}" for name in decision.components], words)
@@ -139,10 +148,13 @@ def _sure(question: Question, decision: Decision, words: Mapping[str, Any]) -> A
     gaps = [chosen.overall - other.overall for other in others]
     behind = listed(
         [
-            words["answers"]["behind" if g >= 0 else "ahead"].format(object=called(o, decision, words), gap=number(abs(g)))
+            words["answers"]["behind" if g >= 0 else "ahead"].format(
+                object=called(o, decision, words), gap=number(abs(g))
+            )
             for o, g in zip(others, gaps, strict=True)
-        ]
-    , words)
+        ],
+        words,
+    )
     text = sentence(words["answers"]["sure"].format(behind=behind))
     if error == 0:
         return f"{text} {words['answers']['sure_unknown']}", []

@@ -17,7 +17,8 @@ from xqmap.explanations.dialogue import answers
 from xqmap.explanations.dialogue.grounding import ungrounded
 from xqmap.explanations.dialogue.language import ENGLISH, language, languages
 from xqmap.explanations.dialogue.llm import LanguageModel, Message
-from xqmap.explanations.dialogue.questions import Question, Understanding
+from xqmap.explanations.dialogue.question import Question
+from xqmap.explanations.dialogue.questions import Understanding
 from xqmap.explanations.dialogue.replies import Unanswered, after_thoughts
 from xqmap.explanations.dialogue.translation import translated
 from xqmap.explanations.views import plots
@@ -110,13 +111,17 @@ class Dialogue:
                 for piece in self.model.complete(self.messages(text)):
                     pieces.append(printable(piece))
                     show(pieces[-1])
-                said = after_thoughts("".join(pieces))
-                if not said:
+                told = after_thoughts("".join(pieces))
+                if not told:
                     raise Unanswered("the model's answer was empty")
-                return self._keep(Exchange(text, said, "llm", ungrounded=ungrounded(said, speech.decision, f"{text} {names}")))
+                return self._keep(
+                    Exchange(text, told, "llm", ungrounded=ungrounded(told, speech.decision, f"{text} {names}"))
+                )
             except Unanswered as error:
                 failure = printable(str(error))
-        said, kinds, found = [], [], []
+        said: list[str] = []
+        kinds: list[str] = []
+        found: list[str] = []
         for question in speech.understanding.read(text, self._before):
             if question.kind not in ("help", "unknown", "thanks"):
                 self._before = question

@@ -1,5 +1,5 @@
-"""Answers about the things themselves: where they lie, how far apart, how high, how large; which one is meant, and what is
-said of them that may not be so.
+"""Answers about the things themselves: where they lie, how far apart, how high, how large; which one is meant, and
+what is said of them that may not be so.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ import numpy as np
 from xqmap.explanations.candidate import Candidate
 from xqmap.explanations.decision import Decision
 from xqmap.explanations.dialogue.lookups import Answer, called_where, counted_word
+from xqmap.explanations.dialogue.mentions import is_own
 from xqmap.explanations.dialogue.naming import called, placed, where
 from xqmap.explanations.dialogue.places import Places
-from xqmap.explanations.dialogue.questions import Question
-from xqmap.explanations.dialogue.referring import is_own
+from xqmap.explanations.dialogue.question import Question
 from xqmap.explanations.views import sentences
 from xqmap.explanations.views.sentences import listed, number, phrase, sentence, the
 

@@ -11,6 +11,7 @@ from functools import cache
 from xqmap.config import plugins
 from xqmap.explanations import contrast
 from xqmap.explanations.decision import Decision
+from xqmap.explanations.dialogue.language import determiners
 from xqmap.explanations.views import sentences
 from xqmap.explanations.views.sentences import number
 
@@ -84,7 +85,7 @@ def ungrounded(answer: str, decision: Decision, question: str = "", extra: Itera
     for match in re.finditer(rf"\b((?:[a-z]+ ){{1,2}}(?:{nouns}))s?\b", answer, re.IGNORECASE):
         words = match.group(1).lower().split()
         # What stands before the last article, or describes nothing that is known here, belongs to the sentence.
-        articles = [i for i, word in enumerate(words[:-1]) if _NO_COLOR.fullmatch(word)]
+        articles = [i for i, word in enumerate(words[:-1]) if _NO_COLOR.fullmatch(word) or word in determiners()]
         words = words[articles[-1] + 1 :] if articles else words
         words = words[1:] if len(words) == 3 and words[0] not in described else words
         if (
@@ -97,7 +98,7 @@ def ungrounded(answer: str, decision: Decision, question: str = "", extra: Itera
     found += [
         word
         for word in _known("components", "other_properties")
-        if word not in own and re.search(rf"\b{re.escape(word)}\b", answer, re.IGNORECASE)
+        if word.lower() not in own and re.search(rf"\b{re.escape(word)}\b", answer, re.IGNORECASE)
     ]
     return found
 

@@ -162,7 +162,8 @@ class Language:
 
 # Entries of a language's file that are no lists of words.
 _NO_CONCEPTS = frozenset(
-    "spelled endings fillers factors ordinals numbers clauses examples asks goes_on properties unlettered of_look of_other generic_plural degrees".split()
+    "spelled endings fillers factors ordinals numbers clauses examples asks goes_on properties "
+    "unlettered of_look of_other generic_plural degrees".split()
 )
 
 
@@ -191,6 +192,13 @@ def language(name: str) -> Language:
 def languages() -> list[str]:
     """The languages that there are."""
     return [name for name in plugins.stems("explain", "language") if name != INTENTS]
+
+
+@cache
+def determiners() -> frozenset[str]:
+    """Words of all languages that may stand before a description."""
+    lists = ("definite", "indefinite", "of_all", "other", "numbers")
+    return frozenset(word for name in languages() for key in lists for word in language(name).content[key])
 
 
 @cache

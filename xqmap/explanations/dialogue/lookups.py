@@ -8,11 +8,11 @@ from collections.abc import Mapping
 from typing import Any
 
 from xqmap.explanations import contrast
-from xqmap.explanations.candidate import SELECTED, Candidate, together
+from xqmap.explanations.candidate import SELECTED, Candidate
 from xqmap.explanations.decision import Decision
 from xqmap.explanations.dialogue.naming import called, is_listed, where
 from xqmap.explanations.dialogue.places import Places
-from xqmap.explanations.dialogue.questions import Question
+from xqmap.explanations.dialogue.question import Question
 from xqmap.explanations.views.sentences import listed, number, phrase, sentence, the
 
 # An answer, and the numbers in it that were computed for it (values under other weights, counts).
@@ -43,7 +43,10 @@ def no_component(question: Question, decision: Decision, words: Mapping[str, Any
 def component_of(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
     """The values of one component."""
     name = question.component or decision.components[0]
-    said = [words["answers"]["value_of"].format(value=number(c.values[name]), object=called(c, decision, words)) for c in question.about or (question.pool or [])[:_MOST_LISTED]]
+    said = [
+        words["answers"]["value_of"].format(value=number(c.values[name]), object=called(c, decision, words))
+        for c in question.about or (question.pool or [])[:_MOST_LISTED]
+    ]
     key = "component_of" if name in words["meanings"] else "component_of_alone"
     meaning = words["meanings"].get(name, "")
     return words["answers"][key].format(component=phrase(name, words), values=listed(said, words), meaning=meaning), []
@@ -170,7 +173,9 @@ def of_number(question: Question, decision: Decision, words: Mapping[str, Any]) 
             found.append(say["number_difference"].format(component=say["overall"], **names))
         if first.label == SELECTED:
             turns = [phrase(n, words) for n, weight in contrast.flip_points(delta).items() if _is(weight, asked)]
-            found += [say["number_turn"].format(component=name, other=called(second, decision, words)) for name in turns]
+            found += [
+                say["number_turn"].format(component=name, other=called(second, decision, words)) for name in turns
+            ]
     if len(decision.components) > 1 and (robust := decision.robustness()) and _is(robust[0], asked):
         found.append(say["number_distance"])
     if decision.error and _is(decision.error, asked):

@@ -18,8 +18,8 @@ def is_listed(thing: Candidate, decision: Decision) -> bool:
 
 
 def called(candidate: Candidate, decision: Decision, words: Mapping[str, Any]) -> str:
-    """A thing in an answer: "the ground (A)"; one that bears the chosen one's name, but is not it, is "another" one, and
-    of several namesakes it is said where they lie.
+    """A thing in an answer: "the ground (A)"; one that bears the chosen one's name, but is not it, is "another" one,
+    and of several namesakes it is said where they lie.
     """
     if candidate.label == SELECTED:
         return the(candidate.object)
@@ -54,9 +54,7 @@ def _apart(candidate: Candidate, decision: Decision, words: Mapping[str, Any]) -
         return name
     places = Places(decision)
     alike = [
-        c
-        for c in places.things
-        if c.object == candidate.object and not together(c, candidate) and c.label == c.object
+        c for c in places.things if c.object == candidate.object and not together(c, candidate) and c.label == c.object
     ]
     alone = not alike and candidate.object != chosen.object
     place = where(candidate, decision, words)

@@ -33,7 +33,9 @@ class Places:
             known = [c for c in decision.candidates if together(c, thing) or _alike(c, thing)]
             self.things.append(known[0] if known else thing)
         for candidate in decision.candidates:
-            if not any(candidate is thing or together(candidate, thing) or _alike(candidate, thing) for thing in self.things):
+            if not any(
+                candidate is thing or together(candidate, thing) or _alike(candidate, thing) for thing in self.things
+            ):
                 self.things.append(candidate)
 
     @property
@@ -80,11 +82,11 @@ class Places:
                 limit = _EDGE if "edge" in words else 0.5 if "half" in words else _SIDE
                 if abs(share[axis] - end) > limit:
                     return False
-            elif word == "middle" and not all(_SIDE < at < 1 - _SIDE for at in share):
-                return False
-            elif word == "corner" and max(far) > _CORNER:
-                return False
-            elif word == "edge" and min(far) > _EDGE:
+            elif (
+                (word == "middle" and not all(_SIDE < at < 1 - _SIDE for at in share))
+                or (word == "corner" and max(far) > _CORNER)
+                or (word == "edge" and min(far) > _EDGE)
+            ):
                 return False
         return True
 

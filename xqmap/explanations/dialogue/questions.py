@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any
 
 from xqmap.explanations.candidate import Candidate
 from xqmap.explanations.decision import Decision
 from xqmap.explanations.dialogue.factors import factor_in, factors_in
+from xqmap.explanations.dialogue.followups import again, answered, distinct, goes_on
 from xqmap.explanations.dialogue.intents import choose
 from xqmap.explanations.dialogue.language import Language, Span, Token, intents
+from xqmap.explanations.dialogue.mentions import Mention, is_own, words_of
 from xqmap.explanations.dialogue.places import Places
-from xqmap.explanations.dialogue.referring import Mention, Referring, is_own, words_of
+from xqmap.explanations.dialogue.question import ABOUT_ALL, Question
+from xqmap.explanations.dialogue.referring import Referring
 
 # Words of a question like "the red one?", which goes on with the one before.
 _SHORT = 5
@@ -23,48 +26,6 @@ _TURNS = ("not", "than", "instead", "compare", "differ", "against", "wrong", "ot
 _KEPT = ("which", "what", "how_many", "all", "most", "least", "not", "exists")
 # Kinds that are about the choice where nothing is named.
 _OF_CHOICE = ("shallow", "sure", "robust", "chance", "component", "runner_up", "safe")
-_ABOUT_ALL = ("component_of", "values", "where", "distance", "height", "size", "identity", "difference", "safe", "next")
-
-
-@dataclass
-class Question:
-    """What was understood.
-
-    Attributes:
-        kind: an intent (``conf/explain/language/intents.yaml``), or ``missing`` (of a thing that is not there),
-            ``no_component`` (of a property without a Q-Map of its own), ``which_one`` (of several things that fit) or
-            ``unknown``.
-        about: the candidates or objects that are named.
-        component: the component that is named, if any.
-        factors: for ``what_if``, how many times as much a component counts, by name.
-        thing: what is missing; for ``number`` the number.
-        pool: the things that are spoken of together ("the cubes"); None where none are.
-        said: how the question calls them.
-        most: whether the most of something is asked for, or the least; None where neither is.
-        denied: whether it is asked for what is not so.
-        by: ``height`` or ``size`` where things are put in their order.
-        strange: words that nothing knows.
-        property: a property beside it that no component is.
-        subject: whom "it" means afterwards.
-        again: for ``which_one``, what is asked about the one that is meant.
-    """
-
-    kind: str
-    about: list[Candidate] = field(default_factory=list)
-    component: str | None = None
-    factors: dict[str, float] = field(default_factory=dict)
-    thing: str = ""
-    pool: list[Candidate] | None = None
-    said: str = ""
-    most: bool | None = None
-    denied: bool = False
-    by: str = ""
-    strange: list[str] = field(default_factory=list)
-    property: str = ""
-    subject: list[Candidate] = field(default_factory=list)
-    again: Question | None = None
-    claim: list[str] = field(default_factory=list)
-    places: list[str] = field(default_factory=list)
 
 
 class Understanding:
@@ -146,11 +107,14 @@ class Understanding:
         free += [s for s in spans if s.start in inside and s.start in inside[s.start].asked and s.concept not in _KEPT]
         named = {s.start: s.concept.partition(":")[2] for s in free if s.concept.startswith("component:")}
         factors = factors_in(tokens, named, self.decision.components, self.language)
-        bag = self._bag(free, mentions, named, factors or factor_in(tokens, self.language) is not None, tokens)
+        bag = self._bag(free, mentions, named, bool(factors) or factor_in(tokens, self.language) is not None, tokens)
         strange = [
             t.text
             for i, t in enumerate(tokens)
-            if t.is_word and i not in inside and not any(s.start <= i < s.end for s in spans) and not self._known(t.word)
+            if t.is_word
+            and i not in inside
+            and not any(s.start <= i < s.end for s in spans)
+            and not self._known(t.word)
         ]
         kind, explained = choose(bag)
         if len(strange) > explained or (strange and not mentions and kind == "contrastive"):
@@ -231,7 +195,9 @@ class Understanding:
             return replace(question, kind="no_component", component=strange)
         question.property = strange or "" if kind in ("contrastive", "shallow", "pair") else ""
         settled = [self._meant(m, m.start > turn, "why" in bag or "choose" in bag) for m in mentions]
-        about = _distinct([c for found in settled for c in found if len(found) == 1 or mentions[settled.index(found)].sort == "it"])
+        about = distinct(
+            [c for found in settled for c in found if len(found) == 1 or mentions[settled.index(found)].sort == "it"]
+        )
         several = next((m for m, f in zip(mentions, settled, strict=True) if m.sort == "one" and len(f) > 1), None)
         question.pool = next((f for m, f in zip(mentions, settled, strict=True) if m.sort in ("many", "some")), None)
         group = next((m for m in mentions if m.sort in ("many", "some")), None)
@@ -241,14 +207,18 @@ class Understanding:
         up, down = {"most", "tallest", "largest"}, {"least", "lowest", "smallest"}
         question.most = not opposite if up & set(bag) else opposite if down & set(bag) else None
         question.denied = ("not" in bag) != opposite
-        question.by = "height" if {"tallest", "lowest"} & set(bag) else "size" if {"largest", "smallest"} & set(bag) else ""
-        if before is not None and before.kind == "which_one" and before.again is not None and len(words) <= _SHORT:
-            if answered := self._answered(before, mentions, about, tokens):
-                return answered
+        question.by = (
+            "height" if {"tallest", "lowest"} & set(bag) else "size" if {"largest", "smallest"} & set(bag) else ""
+        )
+        left_open = before is not None and before.kind == "which_one" and len(words) <= _SHORT
+        if before is not None and left_open:
+            closed = answered(before, mentions, about, tokens, self.places, self.language)
+            if closed is not None:
+                return closed
         if several is not None and not supposed:
             options = settled[mentions.index(several)]
-            again = replace(question, about=about)
-            return Question("which_one", options, said=several.said, again=again, subject=options)
+            open_ = replace(question, about=about)
+            return Question("which_one", options, said=several.said, again=open_, subject=options)
         others = [c for c in about if not is_own(c)]
         if kind == "presupposed" and not any(map(is_own, question.pool or [])):
             kind = question.kind = "contrastive"
@@ -257,21 +227,22 @@ class Understanding:
             question.thing = number.replace(",", ".").lstrip("+-")
         if kind == "what_if" and not question.factors:
             question.kind = "scene_if"
-        goes_on = bool(tokens) and self._goes_on(tokens)
+        more = bool(tokens) and goes_on(tokens, self.language)
         bare = len(words) <= _SHORT and set(bag) <= _BARE
-        if before is not None and not supposed | ("why" in bag) and (goes_on or bare):
-            if again := self._again(before, others, about, question, tokens):
-                return again
+        if before is not None and not supposed | ("why" in bag) and (more or bare):
+            repeated = again(before, others, about, question, tokens, self.language)
+            if repeated is not None:
+                return repeated
         if kind == "shallow" and set(bag) <= {"why"} and before is not None and before.subject:
             about = before.subject
             if others := [c for c in about if not is_own(c)]:
                 question.kind = "because" if before.kind in ("contrastive", "because") else "contrastive"
         if kind == "unknown" and (about or question.component) and not question.strange:
             question.kind = "component_of" if question.component else "contrastive"
-        question.about = about if question.kind in _ABOUT_ALL else others
+        question.about = about if question.kind in ABOUT_ALL else others
         if question.kind == "contrastive" and not others and about:
             question.about = about
-        if question.kind in _ABOUT_ALL and not about:
+        if question.kind in ABOUT_ALL and not about:
             question.about = [self.decision.selected] if question.pool is None else []
         chosen = [self.decision.selected] if question.kind in _OF_CHOICE else []
         question.subject = question.about or about or chosen or (before.subject if before else [])
@@ -293,58 +264,6 @@ class Understanding:
             return others if turned else [self.decision.selected] if choosing else mention.things
         return mention.things
 
-    def _answered(
-        self, before: Question, mentions: list[Mention], about: list[Candidate], tokens: list[Token]
-    ) -> Question | None:
-        """The question that was left open, about the one of the options that is meant now."""
-        assert before.again is not None
-        ordinals = self.language.content["ordinals"]
-        order = next((int(ordinals[t.word]) for t in tokens if t.word in ordinals), 0)
-        options = before.about
-        if 0 < order <= len(options) or order == -1:
-            meant = [options[order - 1 if order > 0 else -1]]
-        else:
-            named = [c for m in mentions for c in m.things if any(c is option for option in options)]
-            sides = [word for m in mentions for word in m.places]
-            there = [c for c in options if self.places.lies(c, sides)] if sides else []
-            if sides and not there:
-                there = self.places.farthest(options, sides)[:1]
-            meant = there or _distinct(named) or [c for c in about if any(c is option for option in options)]
-        if len(meant) != 1:
-            return None
-        rest = [*before.again.about, *meant]
-        others = [c for c in rest if not is_own(c)]
-        kept = rest if before.again.kind in _ABOUT_ALL or not others else others
-        return replace(before.again, about=kept, subject=meant)
-
-    def _goes_on(self, tokens: list[Token]) -> bool:
-        words = [t.word for t in tokens]
-        return any(words[: len(p.split())] == p.split() for p in self.language.content["goes_on"])
-
-    def _again(
-        self, before: Question, others: list[Candidate], about: list[Candidate], now: Question, tokens: list[Token]
-    ) -> Question | None:
-        """The question before, about somebody or something else: "and B?", "and 3 times as much?"."""
-        if before.kind in ("pair", "because", "presupposed") and others:
-            return Question("contrastive", others, subject=others)
-        if before.kind not in intents()["repeated"]:
-            return None
-        if before.kind == "what_if":
-            bare = next((t.number for t in reversed(tokens) if t.number is not None and "%" not in t.word), None)
-            factor = factor_in(tokens, self.language)
-            factor = bare if factor is None else factor
-            if now.component is None and factor is None:
-                return None
-            names = [now.component] if now.component else list(before.factors)
-            known = next(iter(before.factors.values()))
-            return Question("what_if", [], names[0], dict.fromkeys(names, known if factor is None else factor))
-        if about and (others or before.kind in _ABOUT_ALL):
-            kept = about if before.kind in _ABOUT_ALL else others
-            return replace(before, about=kept, component=now.component or before.component, subject=kept, strange=[])
-        if now.component and before.kind in ("component_of", "meaning", "difference", "turn"):
-            return replace(before, component=now.component, strange=[])
-        return None
-
 
 def _all_own(mention: Mention) -> bool:
     return bool(mention.things) and all(is_own(c) for c in mention.things)
@@ -353,7 +272,3 @@ def _all_own(mention: Mention) -> bool:
 def _degrees(word: str, ending: str) -> tuple[str, str]:
     """How an adjective may be written with an ending: "steeper", "flatter"."""
     return word + ending, word + word[-1] + ending
-
-
-def _distinct(things: Sequence[Candidate]) -> list[Candidate]:
-    return [thing for i, thing in enumerate(things) if not any(thing is known for known in things[:i])]

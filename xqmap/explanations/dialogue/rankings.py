@@ -10,7 +10,7 @@ from xqmap.explanations.decision import Decision
 from xqmap.explanations.dialogue.lookups import Answer, counted_word
 from xqmap.explanations.dialogue.naming import called
 from xqmap.explanations.dialogue.places import Places
-from xqmap.explanations.dialogue.questions import Question
+from xqmap.explanations.dialogue.question import Question
 from xqmap.explanations.views.sentences import listed, number, phrase, sentence, signed
 
 # Things that one answer ranks in full, and how many it names where only the first is asked for.
@@ -57,14 +57,27 @@ def which(question: Question, decision: Decision, words: Mapping[str, Any]) -> A
     found = [c for c in order if (c.values[name] > _HALF) != question.denied]
     component = phrase(name, words)
     side = say["below" if question.denied else "over"]
-    counted = {"count": counted_word(len(found), words), "all": counted_word(len(order), words), "component": component, "side": side}
+    counted = {
+        "count": counted_word(len(found), words),
+        "all": counted_word(len(order), words),
+        "component": component,
+        "side": side,
+    }
     if not found:
         return say["which_none"].format(**counted), [len(order)]
     shown = [f"{called(c, decision, words)} ({number(c.values[name])})" for c in found[:_MOST_RANKED]]
     more = [say["more"].format(count=len(found) - len(shown))] if len(found) > len(shown) else []
     close = [c for c in found if abs(c.values[name] - _HALF) <= decision.noise.get(name, 0.0)]
-    doubt = f" {say['which_close'].format(things=listed([called(c, decision, words) for c in close], words))}" if close else ""
-    return say["which"].format(**counted, things=listed([*shown, *more], words)) + doubt, [_HALF, len(found), len(order)]
+    doubt = (
+        f" {say['which_close'].format(things=listed([called(c, decision, words) for c in close], words))}"
+        if close
+        else ""
+    )
+    return say["which"].format(**counted, things=listed([*shown, *more], words)) + doubt, [
+        _HALF,
+        len(found),
+        len(order),
+    ]
 
 
 def difference(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
@@ -101,10 +114,8 @@ def _worth(question: Question, decision: Decision) -> Callable[[Candidate], floa
 def _order(question: Question, decision: Decision) -> list[Candidate]:
     """The things that are asked about, each where it is worth most, the best first."""
     worth, places = _worth(question, decision), Places(decision)
-    if question.pool is not None:
-        things = question.pool
-    else:
-        things = places.objects if question.by else places.things
+    everything = places.objects if question.by else places.things
+    things = everything if question.pool is None else question.pool
     best: list[Candidate] = []
     for thing in things:
         here = [c for c in (*decision.candidates, *decision.objects) if _same(c, thing)]

@@ -12,12 +12,13 @@ from xqmap.explanations.candidate import Candidate, together
 from xqmap.explanations.decision import Decision
 from xqmap.explanations.dialogue.lookups import Answer, wording
 from xqmap.explanations.dialogue.naming import called
-from xqmap.explanations.dialogue.questions import Question
+from xqmap.explanations.dialogue.question import Question
 from xqmap.explanations.views import sentences
 from xqmap.explanations.views.sentences import counted, listed, number, phrase, sentence, the
 
 
 def robust(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
+    """What it would take to turn the choice, to anything or to a certain thing."""
     said = [] if question.about else [sentences.robustness(decision, words)]
     if len(decision.components) > 1:
         others = question.about or decision.alternatives
@@ -119,9 +120,7 @@ def above(question: Question, decision: Decision, words: Mapping[str, Any]) -> A
     """Why a value can be more than any reward."""
     cells = 0 if decision.maps is None else int(np.isfinite(decision.maps[0]).sum())
     say = words["answers"]
-    over = [
-        f"{phrase(n, words)} {number(value)}" for n, value in decision.selected.values.items() if value > 1
-    ]
+    over = [f"{phrase(n, words)} {number(value)}" for n, value in decision.selected.values.items() if value > 1]
     shown = say["above_here"].format(values=listed(over, words)) if over else say["above_none"]
     error = say["above_error"].format(error=number(decision.error)) if decision.error else ""
     luck = say["above_luck"].format(cells=cells) if cells else ""

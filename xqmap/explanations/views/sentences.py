@@ -279,7 +279,9 @@ def _enough(delta: Mapping[str, float], reasons: int, words: Mapping[str, Any]) 
     said = []
     if plus and len(plus) < reasons:
         own, outweighs = ("its own", "outweighs") if len(plus) == 1 else ("their own", "outweigh")
-        said.append(words["msx"].format(own=own, plus=listed([phrase(n, words) for n in plus], words), outweighs=outweighs))
+        said.append(
+            words["msx"].format(own=own, plus=listed([phrase(n, words) for n in plus], words), outweighs=outweighs)
+        )
     if minus:
         said.append(words["msx_minus"].format(minus=listed([phrase(n, words) for n in minus], words)))
     return said
