@@ -98,14 +98,16 @@ def _pair(question: Question, decision: Decision, words: Mapping[str, Any]) -> A
 
 
 def _runner_up(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
-    if not decision.others:
+    """What would be chosen without the things that are named, or without the choice."""
+    if question.about and not any(map(is_own, question.about)):
+        return words["answers"]["still"].format(object=the(decision.selected.object)), []
+    left = [c for c in decision.others if not any(together(c, gone) for gone in question.about)]
+    if not left:
         return words["answers"]["alone"], []
-    best = decision.others[0]
+    best = left[0]
     text = words["answers"]["runner_up"].format(other=called(best, decision, words), overall=number(best.overall))
-    return (
-        f"{sentence(text)} {sentences.contrastive(decision, decision.selected, placed(best, decision, words), words)}",
-        [],
-    )
+    told = sentences.contrastive(decision, decision.selected, placed(best, decision, words), words)
+    return f"{sentence(text)} {told}", []
 
 
 def _component(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:

@@ -129,7 +129,7 @@ class Dialogue:
             # What is asked for and is not there may be called by its name.
             asked = f"{text} {names} {question.component or ''} {question.property} {question.thing} {question.said}"
             found += ungrounded(answer, speech.decision, asked, computed)
-            said.append(answer)
+            said += [answer] if answer not in said else []
             kinds.append(question.kind)
         picture = self._drawn() if "show" in kinds else ""
         said += [speech.words["answers"]["show_file"].format(file=picture)] if picture else []

@@ -25,9 +25,9 @@ def factors_in(
         clause, here = tokens[start:end], [named[i] for i in range(start, end) if i in named]
         if not here:
             continue
-        if any(span.concept == "only" for span in language.concepts(clause)):
-            return {other: 0.0 for other in components if other not in here}
         factor = factor_in(clause, language)
+        if factor is None and any(span.concept == "only" for span in language.concepts(clause)):
+            return {other: 0.0 for other in components if other not in here}
         if factor is not None:
             factors[here[0]] = factor
     if not factors and named and (factor := factor_in(tokens, language)) is not None:

@@ -54,6 +54,7 @@ class Pointing:
         language: of the question.
         others: words for things and looks that the scene has none of.
         before: what the question before was about: "it".
+        pool: the several things it spoke of: "them".
     """
 
     def __init__(
@@ -64,8 +65,10 @@ class Pointing:
         language: Language,
         others: Any,
         before: Sequence[Candidate],
+        pool: Sequence[Candidate] = (),
     ) -> None:
         self.tokens, self.places, self.language, self.before = tokens, places, language, list(before)
+        self.pool = list(pool)
         self._at: list[dict[str, int]] = [{} for _ in tokens]
         for span in spans:
             self._at[span.start][span.concept] = max(span.end - span.start, self._at[span.start].get(span.concept, 0))
@@ -158,6 +161,8 @@ class Pointing:
         end = self._past(at, "it")
         if end == at or self._is(at, "exists"):
             return None
+        if self._is(at, "them") and self.pool:
+            return Mention(at, end, "many", self.pool)
         pointing = self._is(at, "definite")
         if pointing and not (self._ends(end) or self._is(end, "is", "than", "better", "mean", "or")):
             return None

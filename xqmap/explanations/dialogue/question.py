@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from xqmap.explanations.candidate import Candidate
 
 # Kinds whose answer is about the chosen thing as well as about others, where it is named.
-ABOUT_ALL = ("component_of values where distance height size identity difference safe next disagree").split()
+ABOUT_ALL = ("runner_up component_of values where distance height size identity difference safe next disagree").split()
 
 
 @dataclass

@@ -22,6 +22,8 @@ _SHORT = 5
 _BARE = {"thing", "things", "opposite", "own", "letter", "kind", "claim", "component", "factor"}
 # After these, another than the chosen one is meant.
 _TURNS = ("not", "than", "instead", "compare", "differ", "against", "wrong", "other")
+# These are asked of two things.
+_BETWEEN = ("differ", "compare", "distance")
 # Concepts that words within a mention keep.
 _KEPT = ("which", "what", "how_many", "all", "most", "least", "not", "exists")
 # Kinds that are about the choice where nothing is named.
@@ -100,8 +102,13 @@ class Understanding:
     def _read(self, tokens: list[Token], before: Question | None) -> Question:
         spans = self.language.concepts(tokens) + self._properties_in(tokens)
         subject = before.subject if before is not None else []
-        finder = Referring(tokens, spans, self.places, self.language, self.words, subject)
-        mentions = finder.mentions()
+        if any(span.concept == "rank" and span.start == 0 for span in spans):
+            # "Rank" at the beginning asks for an order, also where a component is called so.
+            spans = [span for span in spans if span.start > 0 or ":" not in span.concept]
+        pool = before.pool or [] if before is not None else []
+        mentions = Referring(tokens, spans, self.places, self.language, self.words, subject, pool).mentions()
+        if any(span.concept in _BETWEEN for span in spans):
+            mentions = [one for mention in mentions for one in _apart(mention)]
         inside = {at: mention for mention in mentions for at in range(mention.start, mention.end)}
         free = [s for s in spans if s.concept in _KEPT or not any(at in inside for at in range(s.start, s.end))]
         free += [s for s in spans if s.start in inside and s.start in inside[s.start].asked and s.concept not in _KEPT]
@@ -164,7 +171,10 @@ class Understanding:
         others = [m for m in mentions if m.sort in ("one", "it") and not _all_own(m)]
         bag |= {"own": 1.0} if any(m.sort in ("one", "it") and _all_own(m) for m in mentions) else {}
         bag |= {"thing": 1.0} if others else {}
-        bag |= {"things": 2.0} if sum(max(1, len(m.things) if m.sort == "it" else 1) for m in others) > 1 else {}
+        told = [c for m in others if m.sort == "it" or len(m.things) == 1 for c in m.things if not is_own(c)]
+        unclear = sum(m.sort == "one" and len(m.things) != 1 for m in others)
+        bag |= {"things": 2.0} if len(distinct(told)) + unclear > 1 else {}
+        bag |= {"order": 1.0} if any(t.word in self.language.content["ordinals"] for t in tokens) else {}
         bag |= {"letter": 1.0} if any(m.letter for m in mentions) else {}
         bag |= {"kind": 1.0} if any(m.sort == "many" for m in mentions) else {}
         bag |= {"claim": 1.0} if any(m.sort == "some" for m in mentions) else {}
@@ -199,8 +209,11 @@ class Understanding:
             [c for found in settled for c in found if len(found) == 1 or mentions[settled.index(found)].sort == "it"]
         )
         several = next((m for m, f in zip(mentions, settled, strict=True) if m.sort == "one" and len(f) > 1), None)
-        question.pool = next((f for m, f in zip(mentions, settled, strict=True) if m.sort in ("many", "some")), None)
-        group = next((m for m in mentions if m.sort in ("many", "some")), None)
+        groups = [m for m in mentions if m.sort in ("many", "some")]
+        # Of "purple rather than yellow" the others; of "not green, it is blue" what is said at last.
+        apart = [m for m in groups if not any(map(is_own, m.things))] if "than" in bag else groups[-1:]
+        group = (apart or groups or [None])[0] if kind in ("contrastive", "disagree") else (groups or [None])[0]
+        question.pool = group.things if group else None
         question.said, question.places = (group.said, group.places) if group else ("", [])
         question.claim = group.words if group and group.sort == "some" else []
         opposite = "opposite" in bag
@@ -222,6 +235,12 @@ class Understanding:
         others = [c for c in about if not is_own(c)]
         if kind == "presupposed" and not any(map(is_own, question.pool or [])):
             kind = question.kind = "contrastive"
+        if kind in ("robust", "turn", "sure", "chance") and not others and question.pool:
+            others = sorted((c for c in question.pool if not is_own(c)), key=lambda c: -c.overall)[:1]
+        if kind == "pair" and len(others) < 2:
+            kind = question.kind = "contrastive"
+        if kind == "runner_up" and question.pool and "if" in bag:
+            about = [*about, *question.pool]
         if kind == "number":
             number = next(t.word for t in tokens if t.number is not None and ("." in t.word or "," in t.word))
             question.thing = number.replace(",", ".").lstrip("+-")
@@ -239,6 +258,8 @@ class Understanding:
                 question.kind = "because" if before.kind in ("contrastive", "because") else "contrastive"
         if kind == "unknown" and (about or question.component) and not question.strange:
             question.kind = "component_of" if question.component else "contrastive"
+        if kind == "runner_up" and before is not None and before.kind == kind and goes_on(tokens, self.language):
+            about = distinct([*before.about, *about])
         question.about = about if question.kind in ABOUT_ALL else others
         if question.kind == "contrastive" and not others and about:
             question.about = about
@@ -263,6 +284,13 @@ class Understanding:
         if len(others) < len(mention.things):
             return others if turned else [self.decision.selected] if choosing else mention.things
         return mention.things
+
+
+def _apart(mention: Mention) -> list[Mention]:
+    """Two things that are named together, each by itself."""
+    if mention.sort != "many" or len(mention.things) != 2:
+        return [mention]
+    return [replace(mention, sort="one", things=[thing]) for thing in mention.things]
 
 
 def _all_own(mention: Mention) -> bool:

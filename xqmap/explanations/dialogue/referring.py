@@ -43,7 +43,10 @@ class Referring(Pointing):
         at = start
         definite, some, several, other, chosen = (False,) * 5
         determiners = ("definite", "indefinite", "of_all", "other", "chosen_before")
-        while self._is(at, *determiners):
+        while self._is(at, *determiners) or (at > start and self._is_count(at)):
+            if self._is_count(at):
+                several, at = True, at + 1
+                continue
             past = self._past(at, *determiners)
             chosen |= self._is(at, "chosen_before")
             definite |= self._is(at, "definite")
@@ -103,7 +106,8 @@ class Referring(Pointing):
             return None
         if noun is None and not (words or sides or strange or (other and definite)):
             return None
-        if noun is None and not determined and not (words and self._ends(at)) and not sides:
+        compared = self._is(at, "than", "better", "worse", "or") or self._is(start - 1 if start else 0, "than", "or")
+        if noun is None and not determined and not (words and (self._ends(at) or compared)) and not sides:
             return None
         if best and not words and noun is None:
             return None
@@ -129,6 +133,10 @@ class Referring(Pointing):
             mention.sort = "some"
         if mention.sort == "many" and noun == "" and not words and not strange and not sides:
             pool = list(self.places.things)
+        known = [c for c in (*self.before, self.places.decision.selected) if any(c is fits for fits in pool)]
+        if self._is(start, "demonstrative") and mention.sort == "one" and not sides and known and words:
+            # "That block" is what was spoken of.
+            pool = known[:1]
         if chosen and not other:
             mention.words, pool = ["own"], [self.places.decision.selected]
         pool = self._after(mention, pool, strange)
@@ -137,6 +145,13 @@ class Referring(Pointing):
         mention.things = pool if chosen else self._chosen_by(pool, size, order, mention)
         return mention
 
+    def _is_count(self, at: int) -> bool:
+        """Whether a number stands before things: "the two cubes"."""
+        counts = self.language.content["numbers"][2:]
+        return at < len(self.tokens) and (
+            self.tokens[at].word in counts or self.tokens[at].word in map(str, range(2, 11))
+        )
+
     def _around(self, at: int) -> Mention | None:
         """What is near something, left of it, …, without a word for it: "what is next to B?"."""
         relation = next((word for word in (*_BESIDE, "between", "near") if self._is(at, word)), None)
@@ -144,7 +159,7 @@ class Referring(Pointing):
             return None
         mention = Mention(at, at + 1, "many", head=at)
         found = self._related(mention, list(self.places.objects), relation, at)
-        mention.things = found[:_NEAREST] if relation == "near" else found
+        mention.things = found
         return mention if mention.end > at + 1 else None
 
     def _others_than(self) -> list[Candidate]:
@@ -175,7 +190,8 @@ class Referring(Pointing):
                 continue
             relation = next((word for word in (*_BESIDE, "between", "near") if self._is(at, word)), None)
             lead = at
-            while relation is None and self._is(lead, "at", "definite") and lead - at < 4:
+            linking = ("at", "definite", "is") if mention.sort == "many" else ("at", "definite")
+            while relation is None and self._is(lead, *linking) and lead - at < 4:
                 lead = max(lead + 1, self._past(lead, "at"))
                 relation = next((word for word in (*_BESIDE, "between", "near") if self._is(lead, word)), None)
             if relation and (nearer := self._related(mention, pool, relation, lead)):
@@ -193,7 +209,7 @@ class Referring(Pointing):
             return pool
 
     def _related(self, mention: Mention, pool: list[Candidate], relation: str, at: int) -> list[Candidate]:
-        start = self._past(at, relation)
+        start, nearest = self._past(at, relation), self._is(at, "nearest")
         one = self._anchor(start)
         if one is None:
             return []
@@ -220,7 +236,9 @@ class Referring(Pointing):
         if not found:
             mention.unknown = True
             return []
-        return found if mention.sort == "many" else found[:1]
+        if relation == "near":
+            found = found[:_NEAREST]
+        return found if mention.sort == "many" and not nearest else found[:1]
 
     def _anchor(self, at: int) -> Mention | None:
         if at >= len(self.tokens):
