@@ -53,9 +53,7 @@ def _apart(candidate: Candidate, decision: Decision, words: Mapping[str, Any]) -
     if candidate.object_index is None or candidate.label not in ("", candidate.object):
         return name
     places = Places(decision)
-    alike = [
-        c for c in places.things if c.object == candidate.object and not together(c, candidate) and c.label == c.object
-    ]
+    alike = [c for c in places.things if c.object == candidate.object and not together(c, candidate)]
     alone = not alike and candidate.object != chosen.object
     place = where(candidate, decision, words)
     if alone or not place:

@@ -110,7 +110,7 @@ class Understanding:
         if any(span.concept in _BETWEEN for span in spans):
             mentions = [one for mention in mentions for one in _apart(mention)]
         inside = {at: mention for mention in mentions for at in range(mention.start, mention.end)}
-        free = [s for s in spans if s.concept in _KEPT or not any(at in inside for at in range(s.start, s.end))]
+        free = [s for s in spans if s.concept in _KEPT or not all(at in inside for at in range(s.start, s.end))]
         free += [s for s in spans if s.start in inside and s.start in inside[s.start].asked and s.concept not in _KEPT]
         named = {s.start: s.concept.partition(":")[2] for s in free if s.concept.startswith("component:")}
         factors = factors_in(tokens, named, self.decision.components, self.language)
@@ -223,7 +223,7 @@ class Understanding:
         question.by = (
             "height" if {"tallest", "lowest"} & set(bag) else "size" if {"largest", "smallest"} & set(bag) else ""
         )
-        left_open = before is not None and before.kind == "which_one" and len(words) <= _SHORT
+        left_open = before is not None and before.kind == "which_one" and len(words) <= _SHORT + 2
         if before is not None and left_open:
             closed = answered(before, mentions, about, tokens, self.places, self.language)
             if closed is not None:
@@ -258,6 +258,8 @@ class Understanding:
                 question.kind = "because" if before.kind in ("contrastive", "because") else "contrastive"
         if kind == "unknown" and (about or question.component) and not question.strange:
             question.kind = "component_of" if question.component else "contrastive"
+        if kind == "contrastive" and not others and any(not is_own(c) for c in question.pool or []):
+            about = []
         if kind == "runner_up" and before is not None and before.kind == kind and goes_on(tokens, self.language):
             about = distinct([*before.about, *about])
         question.about = about if question.kind in ABOUT_ALL else others

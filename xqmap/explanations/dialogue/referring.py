@@ -127,7 +127,7 @@ class Referring(Pointing):
         elif alone and start and self._is(start - 1, "at"):
             # "In the top left corner."
             mention.sort = "many"
-        elif several or plural or best or (not determined and not words[:-1] and noun):
+        elif (several and not size) or plural or best or (not determined and not words[:-1] and noun):
             mention.sort = "many"
         elif some or not determined:
             mention.sort = "some"
@@ -155,7 +155,8 @@ class Referring(Pointing):
     def _around(self, at: int) -> Mention | None:
         """What is near something, left of it, …, without a word for it: "what is next to B?"."""
         relation = next((word for word in (*_BESIDE, "between", "near") if self._is(at, word)), None)
-        if relation is None or self._is(at - 1, "differ", "compare", "distance", "better", "choose") or not at:
+        asked = ("differ", "compare", "distance", "better", "choose")
+        if relation is None or not at or any(self._is(i, *asked) for i in range(at)):
             return None
         mention = Mention(at, at + 1, "many", head=at)
         found = self._related(mention, list(self.places.objects), relation, at)
@@ -228,9 +229,9 @@ class Referring(Pointing):
             found = sorted(apart, key=lambda c: places.apart(c, anchor))
         else:
             side = _BESIDE[relation]
-            found = sorted(
-                (c for c in apart if places.beside(c, anchor, side) > 0), key=lambda c: places.apart(c, anchor)
-            )
+            beyond = [c for c in apart if places.beside(c, anchor, side) > 0]
+            straight = [c for c in beyond if 2 * places.beside(c, anchor, side) ** 2 >= places.apart(c, anchor) ** 2]
+            found = sorted(straight or beyond, key=lambda c: places.apart(c, anchor))
         mention.end = end
         mention.said = " ".join(t.text for t in self.tokens[mention.head : end])
         if not found:
