@@ -85,7 +85,8 @@ class Language:
             names: words that are known beside the language's own.
         """
         own = {word.lower() for word in names}
-        known = sorted(word for word in own | self._single if len(word) >= _ONE_SLIP)
+        # "Pilot" is no "plot": short words of the language are too much like others.
+        known = sorted(word for word in own | self._single if len(word) >= _ONE_SLIP + (word not in own))
 
         def mend(token: Token) -> Token:
             if not token.is_word or len(token.word) < _ONE_SLIP or self.knows(token.word) or self.stem(token.word, own):

@@ -212,7 +212,7 @@ class Understanding:
         groups = [m for m in mentions if m.sort in ("many", "some")]
         # Of "purple rather than yellow" the others; of "not green, it is blue" what is said at last.
         apart = [m for m in groups if not any(map(is_own, m.things))] if "than" in bag else groups[-1:]
-        group = (apart or groups or [None])[0] if kind in ("contrastive", "disagree") else (groups or [None])[0]
+        group = next(iter((apart or groups) if kind in ("contrastive", "disagree") else groups), None)
         question.pool = group.things if group else None
         question.said, question.places = (group.said, group.places) if group else ("", [])
         question.claim = group.words if group and group.sort == "some" else []
