@@ -5,7 +5,7 @@ read the others.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from xqmap.explanations.candidate import SELECTED, Candidate
@@ -177,3 +177,10 @@ def words_of(thing: Candidate) -> list[str]:
 def is_own(thing: Candidate) -> bool:
     """Whether a thing is the chosen one."""
     return thing.label == SELECTED
+
+
+def separately(mention: Mention) -> list[Mention]:
+    """Two things that are named together, each by itself."""
+    if mention.sort != "many" or len(mention.things) != 2:
+        return [mention]
+    return [replace(mention, sort="one", things=[thing]) for thing in mention.things]

@@ -12,7 +12,7 @@ from xqmap.explanations.dialogue.factors import factor_in, factors_in
 from xqmap.explanations.dialogue.followups import again, answered, distinct, goes_on
 from xqmap.explanations.dialogue.intents import choose
 from xqmap.explanations.dialogue.language import Language, Span, Token, intents
-from xqmap.explanations.dialogue.mentions import Mention, is_own, words_of
+from xqmap.explanations.dialogue.mentions import Mention, is_own, separately, words_of
 from xqmap.explanations.dialogue.places import Places
 from xqmap.explanations.dialogue.question import ABOUT_ALL, Question
 from xqmap.explanations.dialogue.referring import Referring
@@ -108,7 +108,7 @@ class Understanding:
         pool = before.pool or [] if before is not None else []
         mentions = Referring(tokens, spans, self.places, self.language, self.words, subject, pool).mentions()
         if any(span.concept in _BETWEEN for span in spans):
-            mentions = [one for mention in mentions for one in _apart(mention)]
+            mentions = [one for mention in mentions for one in separately(mention)]
         inside = {at: mention for mention in mentions for at in range(mention.start, mention.end)}
         free = [s for s in spans if s.concept in _KEPT or not all(at in inside for at in range(s.start, s.end))]
         free += [s for s in spans if s.start in inside and s.start in inside[s.start].asked and s.concept not in _KEPT]
@@ -286,13 +286,6 @@ class Understanding:
         if len(others) < len(mention.things):
             return others if turned else [self.decision.selected] if choosing else mention.things
         return mention.things
-
-
-def _apart(mention: Mention) -> list[Mention]:
-    """Two things that are named together, each by itself."""
-    if mention.sort != "many" or len(mention.things) != 2:
-        return [mention]
-    return [replace(mention, sort="one", things=[thing]) for thing in mention.things]
 
 
 def _all_own(mention: Mention) -> bool:
