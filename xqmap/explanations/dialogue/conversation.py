@@ -94,6 +94,7 @@ class Dialogue:
         self.words = words
         self._before: Question | None = None
         self._speech = _Speech(decision, words, ENGLISH)
+        self._speeches = {ENGLISH: self._speech}
 
     def ask(self, text: str, show: Callable[[str], None] = lambda piece: None) -> Exchange:
         """Answers a question; a model that fails is replaced by the templates for this once.
@@ -141,8 +142,9 @@ class Dialogue:
         for name in languages():
             if name == speech.name:
                 continue
-            words = self.words if name == ENGLISH else wording_for(self.decision.task, name)
-            other = _Speech(self.decision, words, name)
+            if name not in self._speeches:
+                self._speeches[name] = _Speech(self.decision, wording_for(self.decision.task, name), name)
+            other = self._speeches[name]
             if (found := other.understanding.knows(text)) > known:
                 # What was spoken of bears other names now.
                 speech, known, self._before = other, found, None
