@@ -24,7 +24,10 @@ def chat(cfg: DictConfig) -> None:
     questions = scoring.read(Path(cfg.questions)) if cfg.questions is not None else []
     model, folder = language_model(cfg.llm), place(cfg)
     decision = decisions_of(cfg)[-1]
-    dialogue = Dialogue(decision, wording_of(decision), model)
+    # Beside what python -m xqmap.explain wrote about this decision of an episode.
+    step = folder / f"step{decision.step + 1:02d}"
+    folder = step if decision.step or step.exists() else folder
+    dialogue = Dialogue(decision, wording_of(decision), model, folder)
     if cfg.show_prompt:
         say(system_prompt(decision, dialogue.words), scene_line(decision), sep="\n\n", end="\n\n")
     if questions:
@@ -35,9 +38,6 @@ def chat(cfg: DictConfig) -> None:
     else:
         _converse(dialogue)
     if dialogue.exchanges:
-        # Beside what python -m xqmap.explain wrote about this decision of an episode.
-        step = folder / f"step{decision.step + 1:02d}"
-        folder = step if decision.step or step.exists() else folder
         write_atomically(folder / "dialogue.json", dialogue.to_json().encode())
         write_atomically(folder / "dialogue.md", dialogue.to_markdown().encode())
         html = page([decision], [(e.question, e.answer) for e in dialogue.exchanges])

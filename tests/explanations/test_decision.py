@@ -20,7 +20,7 @@ from xqmap.explanations import Candidate, Decision, contrast
 from xqmap.explanations.candidate import label
 from xqmap.explanations.scene import Scene
 from xqmap.explanations.views import plots
-from xqmap.explanations.views.sentences import listed, number, signed
+from xqmap.explanations.views.words import listed, number, signed
 
 VALUE = st.floats(-2, 2, allow_nan=False).map(lambda v: round(v, 3))
 
@@ -244,7 +244,7 @@ def test_many_components_say_what_would_have_been_enough() -> None:
 
 
 def test_lists_and_labels() -> None:
-    assert [listed(list("abc")[:n]) for n in (1, 2, 3)] == ["a", "a and b", "a, b and c"]
+    assert [listed(list("abc")[:n], {"and": "and"}) for n in (1, 2, 3)] == ["a", "a and b", "a, b and c"]
     assert [label(k) for k in (0, 1, 25, 26, 51, 52)] == ["A", "B", "Z", "AA", "AZ", "BA"]
     assert (number(-0.001), signed(0.001), signed(-0.5), signed(0.5)) == ("0.00", "0.00", "-0.50", "+0.50")
 

@@ -8,13 +8,15 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from xqmap.explanations import contrast
-from xqmap.explanations.candidate import Candidate, together
+from xqmap.explanations.candidate import together
 from xqmap.explanations.decision import Decision
-from xqmap.explanations.dialogue import lookups
-from xqmap.explanations.dialogue.lookups import Answer, called, is_listed, wording
-from xqmap.explanations.dialogue.questions import Question
+from xqmap.explanations.dialogue import facts, lookups, rankings, suppositions
+from xqmap.explanations.dialogue.lookups import Answer, wording
+from xqmap.explanations.dialogue.mentions import is_own
+from xqmap.explanations.dialogue.naming import called, is_listed, placed
+from xqmap.explanations.dialogue.question import Question
 from xqmap.explanations.views import sentences
-from xqmap.explanations.views.sentences import counted, listed, number, phrase, sentence, signed, the
+from xqmap.explanations.views.words import listed, number, phrase, sentence, signed, the
 
 # A choice by no more than so many typical errors of its values is narrow.
 _NARROW = 3
@@ -23,6 +25,11 @@ _NARROW = 3
 def answer(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
     """Answers a question that was understood."""
     text, computed = _ANSWERS.get(question.kind, _unknown)(question, decision, words)
+    if question.property:
+        text += f" {lookups.no_component(Question('', component=question.property), decision, words)[0]}"
+    if question.strange and question.kind not in ("unknown", "missing", "misplaced"):
+        passed = words["answers"]["strange"].format(words=listed([f'"{word}"' for word in question.strange], words))
+        text = f"{passed} {sentence(text)}"
     return sentence(text), computed
 
 
@@ -38,7 +45,7 @@ def _unknown(question: Question, decision: Decision, words: Mapping[str, Any]) -
 
 
 def _self(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
-    known = listed([phrase(name, words) for name in decision.components])
+    known = listed([phrase(name, words) for name in decision.components], words)
     return wording("self", decision, words).format(setting=words["setting"], components=known), []
 
 
@@ -47,27 +54,60 @@ def _shallow(question: Question, decision: Decision, words: Mapping[str, Any]) -
 
 
 def _contrastive(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
+    if not question.about and question.pool:
+        others = [c for c in question.pool if not is_own(c)]
+        return facts.best_of(others, decision, words) if others else facts.presupposed(question, decision, words)
     if not question.about:
-        return words["answers"]["alone"], []
+        return (
+            facts.best_of(decision.others[:1], decision, words) if decision.others else (words["answers"]["alone"], [])
+        )
     if question.about == [decision.selected]:
         same = words["answers"]["same_place"].format(
             this=words["answers"]["this"], object=the(decision.selected.object)
         )
         return f"{same} {sentences.shallow(decision, words)}", []
-    said = [sentences.contrastive(decision, decision.selected, other, words) for other in question.about]
+    said = [
+        sentences.contrastive(decision, decision.selected, placed(other, decision, words), words)
+        for other in question.about
+    ]
     return " ".join(said), []
 
 
+def _because(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
+    """What is behind a difference that was told already: the property that makes most of it, in both."""
+    if len(decision.components) == 1:
+        return _contrastive(question, decision, words)
+    other, chosen = question.about[0], decision.selected
+    delta = contrast.rdx(chosen.values, other.values)
+    name = max(delta, key=lambda n: abs(delta[n]))
+    text = words["answers"]["because"].format(
+        component=phrase(name, words),
+        own=called(chosen, decision, words),
+        value=number(chosen.values[name]),
+        other=called(other, decision, words),
+        other_value=number(other.values[name]),
+    )
+    meaning = words["meanings"].get(name, "")
+    more = words["answers"]["meaning"].format(component=phrase(name, words), meaning=meaning) if meaning else ""
+    return f"{sentence(text)} {sentence(more)}".strip(), []
+
+
 def _pair(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
-    return sentences.contrastive(decision, question.about[0], question.about[1], words), []
+    first, second = (placed(c, decision, words) for c in question.about[:2])
+    return sentences.contrastive(decision, first, second, words), []
 
 
 def _runner_up(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
-    if not decision.others:
+    """What would be chosen without the things that are named, or without the choice."""
+    if question.about and not any(map(is_own, question.about)):
+        return words["answers"]["still"].format(object=the(decision.selected.object)), []
+    left = [c for c in decision.others if not any(together(c, gone) for gone in question.about)]
+    if not left:
         return words["answers"]["alone"], []
-    best = decision.others[0]
-    text = words["answers"]["runner_up"].format(other=called(best, decision), overall=number(best.overall))
-    return f"{sentence(text)} {sentences.contrastive(decision, decision.selected, best, words)}", []
+    best = left[0]
+    text = words["answers"]["runner_up"].format(other=called(best, decision, words), overall=number(best.overall))
+    told = sentences.contrastive(decision, decision.selected, placed(best, decision, words), words)
+    return f"{sentence(text)} {told}", []
 
 
 def _component(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
@@ -82,10 +122,14 @@ def _component(question: Question, decision: Decision, words: Mapping[str, Any])
             delta = contrast.rdx(chosen.values, other.values)
             best = max(delta, key=lambda name: delta[name])
             key = "component_against" if delta[best] > 0 else "component_none_against"
-            named = {"other": called(other, decision), "component": phrase(best, words), "value": signed(delta[best])}
+            named = {
+                "other": called(other, decision, words),
+                "component": phrase(best, words),
+                "value": signed(delta[best]),
+            }
             said.append(sentence(words["answers"][key].format(**named)))
         return " ".join(said), []
-    values = listed([f"{phrase(name, words)} {number(chosen.values[name])}" for name in decision.components])
+    values = listed([f"{phrase(name, words)} {number(chosen.values[name])}" for name in decision.components], words)
     named = {"component": phrase(decision.shallow, words), "object": the(chosen.object), "values": values}
     return words["answers"]["component"].format(**named), []
 
@@ -106,9 +150,12 @@ def _sure(question: Question, decision: Decision, words: Mapping[str, Any]) -> A
     gaps = [chosen.overall - other.overall for other in others]
     behind = listed(
         [
-            f"{called(o, decision)} is {number(abs(g))} {'behind' if g >= 0 else 'ahead'}"
+            words["answers"]["behind" if g >= 0 else "ahead"].format(
+                object=called(o, decision, words), gap=number(abs(g))
+            )
             for o, g in zip(others, gaps, strict=True)
-        ]
+        ],
+        words,
     )
     text = sentence(words["answers"]["sure"].format(behind=behind))
     if error == 0:
@@ -118,7 +165,7 @@ def _sure(question: Question, decision: Decision, words: Mapping[str, Any]) -> A
     narrow = [other for other, gap in zip(others, gaps, strict=True) if abs(gap) <= _NARROW * error]
     if narrow and not open_:
         key, open_ = "sure_narrow", narrow
-    against = listed([called(other, decision) for other in open_]) if open_ else ""
+    against = listed([called(other, decision, words) for other in open_], words) if open_ else ""
     return f"{text} {words['answers'][key].format(error=number(error), against=against)}", []
 
 
@@ -127,54 +174,30 @@ def _chance(question: Question, decision: Decision, words: Mapping[str, Any]) ->
     return f"{words['answers']['chance']} {text}", computed
 
 
-def _robust(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
-    said = [sentences.robustness(decision, words)]
-    if len(decision.components) > 1:
-        others = question.about or decision.alternatives
-        for other in [c for c in others if not together(c, decision.selected)]:
-            delta = contrast.rdx(decision.selected.values, other.values)
-            said.append(sentence(sentences.turn(delta, called(other, decision), words)))
-    return " ".join(said), []
-
-
-def _what_if(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
-    """The choice of the same maps with other weights: one argmax more, no learning."""
-    if min(question.factors.values()) < 0:
-        return words["answers"]["what_if_negative"], []
-    factors = {name: question.factors.get(name, 1.0) for name in decision.components}
-    best, chosen = decision.best_under(factors), decision.selected
-
-    def worth(candidate: Candidate) -> float:
-        return sum(factors[name] * candidate.values[name] for name in decision.components)
-
-    changes = [
-        f"{phrase(name, words)} {'counted as much as now' if f == 1 else counted(f)}"
-        for name, f in question.factors.items()
-    ]
-    kept = together(best, chosen) or worth(chosen) >= worth(best) - 1e-9
-    named = {
-        "changes": listed(changes),
-        "object": the(chosen.object),
-        "overall": number(worth(best)),
-        "kept": number(worth(chosen)),
-    }
-    if kept:
-        key = "what_if_kept"
-    elif best.object == chosen.object:
-        key = "what_if_elsewhere" if best.object_index is None else "what_if_another"
-    else:
-        key = "what_if_turned"
-    named |= {"other": called(best, decision) if key == "what_if_turned" else best.object}
-    said = f"{words['answers'][key].format(**named)} {words['answers']['what_if_note']}"
-    return sentence(said), [worth(best), worth(chosen), *question.factors.values()]
-
-
 def _q_value(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
-    names = listed([phrase(name, words) for name in decision.components])
+    names = listed([phrase(name, words) for name in decision.components], words)
     chosen = decision.selected
     return wording("q_value", decision, words).format(
         components=names, object=the(chosen.object), overall=number(chosen.overall)
     ), []
+
+
+def _safe(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
+    """What is known about whether it will go well: the values, and that no property is of that kind."""
+    meant = question.about[0] if question.about else decision.selected
+    values = listed([f"{phrase(n, words)} {number(meant.values[n])}" for n in decision.components], words)
+    known = [
+        sentence(words["answers"]["meaning"].format(component=phrase(n, words), meaning=words["meanings"][n]))
+        for n in decision.components
+        if n in words["meanings"]
+    ]
+    told = words["answers"]["safe"].format(object=called(meant, decision, words), values=values)
+    return " ".join([told, *known]), []
+
+
+def _show(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
+    """What the picture shows; the conversation adds where it lies."""
+    return words["answers"]["show" if decision.maps is not None else "show_values"], []
 
 
 _ANSWERS: dict[str, Callable[[Question, Decision, Mapping[str, Any]], Answer]] = {
@@ -184,25 +207,42 @@ _ANSWERS: dict[str, Callable[[Question, Decision, Mapping[str, Any]], Answer]] =
     "scene_if": lambda question, decision, words: (wording("scene_if", decision, words), []),
     "self": _self,
     "missing": lookups.missing,
+    "misplaced": facts.misplaced,
+    "which_one": facts.which_one,
     "no_component": lookups.no_component,
     "shallow": _shallow,
     "contrastive": _contrastive,
+    "because": _because,
+    "presupposed": facts.presupposed,
     "pair": _pair,
     "runner_up": _runner_up,
     "component": _component,
     "component_of": lookups.component_of,
+    "difference": rankings.difference,
     "meaning": lookups.meaning,
     "values": lookups.values,
-    "where": lookups.where,
+    "where": facts.place,
+    "distance": facts.distance,
+    "height": facts.height,
+    "size": facts.size,
+    "identity": facts.identity,
+    "disagree": facts.disagree,
     "list": lookups.listing,
     "scene": lookups.scene,
     "who": lookups.who,
-    "most": lookups.most,
+    "most": rankings.most,
+    "rank": rankings.rank,
+    "which": rankings.which,
     "number": lookups.of_number,
+    "above": suppositions.above,
     "sure": _sure,
+    "safe": _safe,
     "chance": _chance,
-    "robust": _robust,
-    "what_if": _what_if,
+    "robust": suppositions.robust,
+    "turn": suppositions.turn,
+    "what_if": suppositions.what_if,
+    "next": suppositions.afterwards,
+    "show": _show,
     "q_value": _q_value,
 }
 

@@ -15,10 +15,15 @@ from xqmap.errors import UserError
 from xqmap.explanations.decision import Decision
 from xqmap.explanations.dialogue import answers
 from xqmap.explanations.dialogue.grounding import ungrounded
+from xqmap.explanations.dialogue.language import ENGLISH, language, languages
 from xqmap.explanations.dialogue.llm import LanguageModel, Message
-from xqmap.explanations.dialogue.questions import Question, understand
+from xqmap.explanations.dialogue.question import Question
+from xqmap.explanations.dialogue.questions import Understanding
 from xqmap.explanations.dialogue.replies import Unanswered, after_thoughts
-from xqmap.explanations.views.sentences import number, phrase, signed, wording_of
+from xqmap.explanations.dialogue.translation import translated
+from xqmap.explanations.views import plots
+from xqmap.explanations.views.sentences import wording_of
+from xqmap.explanations.views.words import number, phrase, signed
 from xqmap.files import read_bytes
 from xqmap.terminal import printable
 
@@ -40,6 +45,7 @@ class Exchange:
         kind: how the question was understood (templates only).
         ungrounded: what the answer says that is not in the decision.
         failure: why the model did not answer, if it did not.
+        picture: the file that shows what was asked for.
     """
 
     question: str
@@ -48,6 +54,22 @@ class Exchange:
     kind: str = ""
     ungrounded: list[str] = field(default_factory=list)
     failure: str = ""
+    picture: str = ""
+
+
+class _Speech:
+    """What a conversation in one language needs.
+
+    Args:
+        decision: what it is about.
+        words: the wording in that language.
+        name: of the language.
+    """
+
+    def __init__(self, decision: Decision, words: Mapping[str, Any], name: str) -> None:
+        self.name, self.words = name, {**words, "numbers": language(name).content["numbers"]}
+        self.decision = translated(decision, words)
+        self.understanding = Understanding(self.decision, words, language(name))
 
 
 class Dialogue:
@@ -57,12 +79,23 @@ class Dialogue:
         decision: what the conversation is about.
         words: the task's wording; ``prompt`` in it is the model's system prompt.
         model: a language model; None answers from templates.
+        folder: where a picture that is asked for is written; None writes none.
     """
 
-    def __init__(self, decision: Decision, words: Mapping[str, Any], model: LanguageModel | None = None) -> None:
-        self.decision, self.words, self.model = decision, words, model
+    def __init__(
+        self,
+        decision: Decision,
+        words: Mapping[str, Any],
+        model: LanguageModel | None = None,
+        folder: Path | None = None,
+    ) -> None:
+        self.folder = folder
+        self.decision, self.model = decision, model
         self.exchanges: list[Exchange] = []
+        self.words = words
         self._before: Question | None = None
+        self._speech = _Speech(decision, words, ENGLISH)
+        self._speeches = {ENGLISH: self._speech}
 
     def ask(self, text: str, show: Callable[[str], None] = lambda piece: None) -> Exchange:
         """Answers a question; a model that fails is replaced by the templates for this once.
@@ -72,26 +105,59 @@ class Dialogue:
             show: gets the model's answer piece by piece as it comes.
         """
         text = printable(text)[:_LONGEST_QUESTION]
-        failure = ""
+        failure, speech = "", self._spoken(text)
+        names = " ".join(phrase(name, speech.words) for name in self.decision.components)
         if self.model is not None:
             try:
                 pieces = []
                 for piece in self.model.complete(self.messages(text)):
                     pieces.append(printable(piece))
                     show(pieces[-1])
-                said = after_thoughts("".join(pieces))
-                if not said:
+                told = after_thoughts("".join(pieces))
+                if not told:
                     raise Unanswered("the model's answer was empty")
-                return self._keep(Exchange(text, said, "llm", ungrounded=ungrounded(said, self.decision, text)))
+                return self._keep(
+                    Exchange(text, told, "llm", ungrounded=ungrounded(told, speech.decision, f"{text} {names}"))
+                )
             except Unanswered as error:
                 failure = printable(str(error))
-        question = understand(text, self.decision, self.words, self._before)
-        if question.kind not in ("help", "unknown"):
-            self._before = question
-        said, computed = answers.answer(question, self.decision, self.words)
-        # What is asked for and is not there may be called by its name.
-        found = ungrounded(said, self.decision, f"{text} {question.component or ''} {question.thing}", computed)
-        return self._keep(Exchange(text, said, "template", question.kind, found, failure))
+        said: list[str] = []
+        kinds: list[str] = []
+        found: list[str] = []
+        for question in speech.understanding.read(text, self._before):
+            if question.kind not in ("help", "unknown", "thanks"):
+                self._before = question
+            answer, computed = answers.answer(question, speech.decision, speech.words)
+            # What is asked for and is not there may be called by its name.
+            asked = f"{text} {names} {question.component or ''} {question.property} {question.thing} {question.said}"
+            found += ungrounded(answer, speech.decision, asked, computed)
+            said += [answer] if answer not in said else []
+            kinds.append(question.kind)
+        picture = self._drawn() if "show" in kinds else ""
+        said += [speech.words["answers"]["show_file"].format(file=picture)] if picture else []
+        return self._keep(Exchange(text, " ".join(said), "template", " + ".join(kinds), found, failure, picture))
+
+    def _spoken(self, text: str) -> _Speech:
+        """The language of a question: the last one, unless another knows more of its words."""
+        speech, known = self._speech, self._speech.understanding.knows(text)
+        for name in languages():
+            if name == speech.name:
+                continue
+            if name not in self._speeches:
+                self._speeches[name] = _Speech(self.decision, wording_of(self.decision, name), name)
+            other = self._speeches[name]
+            if (found := other.understanding.knows(text)) > known:
+                # What was spoken of bears other names now.
+                speech, known, self._before = other, found, None
+        self._speech = speech
+        return speech
+
+    def _drawn(self) -> str:
+        """The file with the maps, or the values where there are none; empty where nothing may be written."""
+        if self.folder is None:
+            return ""
+        name = "values" if self.decision.maps is None else "qmaps"
+        return str(plots.save(getattr(plots, name)(self.decision), self.folder / name)[0])
 
     def _keep(self, exchange: Exchange) -> Exchange:
         self.exchanges.append(exchange)

@@ -1,74 +1,55 @@
-"""Which components a text names, and how many times as much each counts in what it supposes."""
+"""How many times as much each component counts in what a question supposes."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
 
-from xqmap.explanations.decision import Decision
-
-NUMBERS = ["zero", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten"]
-_FACTORS = {
-    r"n[o']t\b|n't\b|\b(do|does|did|is|was|were)nt\b|\bnothing\b|\bno longer\b"
-    r"|\bignor|\bwithout\b|\bremove|\bdrop|\bzero\b|\boff\b|\birrelevant": 0.0,
-    r"\bhalf\b|\bhalv": 0.5,
-    r"\bthird\b": 1 / 3,
-    r"\bquarter\b": 0.25,
-    r"\btwice\b|\bdoubl": 2.0,
-    r"\btripl|\bthrice\b": 3.0,
-    r"\bless\b|\bleast\b|\blower\b": 0.5,
-    r"\bmore\b|\bmost\b|\bhigher\b": 2.0,
-    r"\bsame\b|\bequal|\bas now\b": 1.0,
-}
-_WEIGHED = r"\bcount|\bmatter|\bweigh|\bimport|\bcare|\brelevan|\bvalue"
+from xqmap.explanations.dialogue.language import Language, Token
 
 
-def components_in(said: str, components: Any, words: Mapping[str, Any]) -> list[str]:
-    """Those of the components that a plain text names, by their names or synonyms."""
+def factors_in(
+    tokens: Sequence[Token], named: Mapping[int, str], components: Sequence[str], language: Language
+) -> dict[str, float]:
+    """The factors by component: one clause at a time, so that two can change.
 
-    def calls(name: str) -> list[str]:
-        return [name, str(words["components"].get(name, name)), *words["synonyms"].get(name, [])]
-
-    return [
-        str(name)
-        for name in components
-        if any(re.search(rf"\b{re.escape(call.lower())}\b", said) for call in calls(name))
-    ]
-
-
-def factors_in(said: str, decision: Decision, words: Mapping[str, Any]) -> dict[str, float]:
-    """How many times as much each component counts in a supposition: one clause at a time, so that two can change."""
+    Args:
+        tokens: of the question.
+        named: the component that is named at a token.
+        components: all of the decision.
+        language: of the question.
+    """
+    words = language.content
+    cuts = [i for i, token in enumerate(tokens) if token.word == "," or token.word in words["clauses"]]
     factors: dict[str, float] = {}
-    for clause in re.split(r",(?!\d)|\band\b|\bbut\b|\bwhile\b", said):
-        name = next(iter(components_in(clause, decision.components, words)), None)
-        if name is None:
+    for start, end in zip([0, *[cut + 1 for cut in cuts]], [*cuts, len(tokens)], strict=True):
+        clause, here = tokens[start:end], [named[i] for i in range(start, end) if i in named]
+        if not here:
             continue
-        if re.search(r"\b(only|just|nothing but|alone)\b", clause):
-            return {other: 0.0 for other in decision.components if other != name}
-        factor = factor_in(clause)
-        if factor is None and re.search(_WEIGHED, clause):
-            continue
+        factor = factor_in(clause, language)
+        if factor is None and any(span.concept == "only" for span in language.concepts(clause)):
+            return {other: 0.0 for other in components if other not in here}
         if factor is not None:
-            factors[name] = factor
-    if (
-        not factors
-        and (names := components_in(said, decision.components, words))
-        and (factor := factor_in(said)) is not None
-    ):
-        factors[names[0]] = factor
+            factors[here[0]] = factor
+    if not factors and named and (factor := factor_in(tokens, language)) is not None:
+        factors[named[min(named)]] = factor
     return factors
 
 
-def factor_in(said: str) -> float | None:
-    """How many times as much something counts: "twice", "half", "20% less", "3 times", "not"; None if nothing does."""
-    if share := re.search(r"(\d+(?:[.,]\d+)?)\s*(?:%|percent)\s*(more|less)?", said):
-        amount = float(share.group(1).replace(",", ".")) / 100
-        return {"more": 1 + amount, "less": max(0.0, 1 - amount)}.get(share.group(2), amount)
-    number = re.search(r"(-?\d+(?:[.,]\d+)?)\s*(?:times|x\b|as much)", said)
-    number = number or re.search(r"\b(?:weight|factor|count|weigh)\w*\b\D*?(-?\d+(?:[.,]\d+)?)", said)
-    if number:
-        return float(number.group(1).replace(",", "."))
-    if word := re.search(rf"\b({'|'.join(NUMBERS)}) times\b", said):
-        return float(NUMBERS.index(word.group(1)))
-    return next((factor for pattern, factor in _FACTORS.items() if re.search(pattern, said)), None)
+def factor_in(tokens: Sequence[Token], language: Language) -> float | None:
+    """How many times as much something counts: "twice", "20% less", "3 times", "not"; None if nothing does."""
+    words = language.content
+    counts = {span.start for span in language.concepts(tokens) if span.concept in ("count", "factor_word")}
+    for i, token in enumerate(tokens):
+        after = [later.word for later in tokens[i + 1 : i + 3]]
+        number = token.number
+        if number is not None and ("%" in token.word or after[:1] == ["%"] or (after and after[0] in words["percent"])):
+            share = number / 100
+            rest = {later.word for later in tokens[i + 1 :]}
+            if rest & set(words["more"]):
+                return 1 + share
+            return max(0.0, 1 - share) if rest & set(words["less"]) else share
+        if number is None and token.word in words["numbers"]:
+            number = float(words["numbers"].index(token.word)) if after and after[0] in words["times"] else None
+        if number is not None and ((after and after[0] in words["times"]) or any(at < i for at in counts)):
+            return number
+    return next((value for value, _ in language.factors(tokens)), None)

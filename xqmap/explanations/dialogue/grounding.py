@@ -11,8 +11,9 @@ from functools import cache
 from xqmap.config import plugins
 from xqmap.explanations import contrast
 from xqmap.explanations.decision import Decision
+from xqmap.explanations.dialogue.language import determiners
 from xqmap.explanations.views import sentences
-from xqmap.explanations.views.sentences import number
+from xqmap.explanations.views.words import number
 
 _NUMBER = re.compile(r"(?<![\w.])[+−-]?\d+(?:[.,]\d+)?%?")
 _LABEL = re.compile(r"\b(?:[Cc]andidate|[Pp]ixel|[Oo]ption)\s+([A-Z]{1,2})\b")
@@ -45,6 +46,11 @@ def numbers_of(decision: Decision) -> set[str]:
             *contrast.flip_points(delta).values(),
             contrast.flip_distance(delta),
         ]
+    told = [parts for c in (*decision.candidates, *decision.objects) if (parts := (c.now, c.later)) != (None, None)]
+    for which in (0, 1):
+        shares = [part for parts in told if (part := parts[which]) is not None]
+        deltas = [contrast.rdx(first, second) for first, second in itertools.combinations(shares, 2)]
+        values += [value for part in (*shares, *deltas) for value in (*part.values(), sum(part.values()))]
     values += [*decision.noise.values(), decision.error, *(decision.robustness() or ())[:1]]
     return {number(abs(value)) for value in values if math.isfinite(value)}
 
@@ -76,7 +82,7 @@ def ungrounded(answer: str, decision: Decision, question: str = "", extra: Itera
         for match in _LABEL.finditer(answer)
         if match.group(1) not in labels and match.group(0) not in question
     ]
-    names = {candidate.object.lower() for candidate in (*decision.candidates, *decision.objects)}
+    names = {candidate.object.lower().strip("»«") for candidate in (*decision.candidates, *decision.objects)}
     things = {*_NOUNS, *_known("other_things"), *(name.split()[-1] for name in names)}
     nouns = "|".join(re.escape(noun) for noun in sorted(things))
     described_by = [set(name.split()) for name in names]
@@ -84,7 +90,7 @@ def ungrounded(answer: str, decision: Decision, question: str = "", extra: Itera
     for match in re.finditer(rf"\b((?:[a-z]+ ){{1,2}}(?:{nouns}))s?\b", answer, re.IGNORECASE):
         words = match.group(1).lower().split()
         # What stands before the last article, or describes nothing that is known here, belongs to the sentence.
-        articles = [i for i, word in enumerate(words[:-1]) if _NO_COLOR.fullmatch(word)]
+        articles = [i for i, word in enumerate(words[:-1]) if _NO_COLOR.fullmatch(word) or word in determiners()]
         words = words[articles[-1] + 1 :] if articles else words
         words = words[1:] if len(words) == 3 and words[0] not in described else words
         if (
@@ -97,7 +103,7 @@ def ungrounded(answer: str, decision: Decision, question: str = "", extra: Itera
     found += [
         word
         for word in _known("components", "other_properties")
-        if word not in own and re.search(rf"\b{re.escape(word)}\b", answer, re.IGNORECASE)
+        if word.lower() not in own and re.search(rf"\b{re.escape(word)}\b", answer, re.IGNORECASE)
     ]
     return found
 

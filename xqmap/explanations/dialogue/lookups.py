@@ -8,16 +8,17 @@ from collections.abc import Mapping
 from typing import Any
 
 from xqmap.explanations import contrast
-from xqmap.explanations.candidate import SELECTED, Candidate, together
+from xqmap.explanations.candidate import SELECTED, Candidate
 from xqmap.explanations.decision import Decision
-from xqmap.explanations.dialogue.factors import NUMBERS
-from xqmap.explanations.dialogue.questions import Question
-from xqmap.explanations.views.sentences import listed, number, phrase, sentence, the
+from xqmap.explanations.dialogue.naming import called, is_listed, where
+from xqmap.explanations.dialogue.places import Places
+from xqmap.explanations.dialogue.question import Question
+from xqmap.explanations.views.words import listed, number, phrase, sentence, the
 
 # An answer, and the numbers in it that were computed for it (values under other weights, counts).
 Answer = tuple[str, list[float]]
-# Objects that one answer lists at most, and how many it ranks.
-_MOST_LISTED, _MOST_RANKED = 12, 4
+# Objects that one answer lists at most, and what one number may be.
+_MOST_LISTED, _MOST_FOUND = 12, 4
 
 
 def wording(key: str, decision: Decision, words: Mapping[str, Any]) -> str:
@@ -27,13 +28,13 @@ def wording(key: str, decision: Decision, words: Mapping[str, Any]) -> str:
 
 def missing(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
     """A thing that is not there, and what is."""
-    there, counts = (listing if question.thing.startswith("candidate ") else scene)(question, decision, words)
+    there, counts = (listing if question.by == "letter" else scene)(question, decision, words)
     return f"{words['answers']['missing'].format(thing=question.thing)} {there}", counts
 
 
 def no_component(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
     """A property without a Q-Map of its own."""
-    known = listed([phrase(name, words) for name in decision.components])
+    known = listed([phrase(name, words) for name in decision.components], words)
     return wording("no_component", decision, words).format(
         component=phrase(question.component or "", words), known=known
     ), []
@@ -42,10 +43,13 @@ def no_component(question: Question, decision: Decision, words: Mapping[str, Any
 def component_of(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
     """The values of one component."""
     name = question.component or decision.components[0]
-    said = [f"{number(c.values[name])} for {called(c, decision)}" for c in question.about]
+    said = [
+        words["answers"]["value_of"].format(value=number(c.values[name]), object=called(c, decision, words))
+        for c in question.about or (question.pool or [])[:_MOST_LISTED]
+    ]
     key = "component_of" if name in words["meanings"] else "component_of_alone"
     meaning = words["meanings"].get(name, "")
-    return words["answers"][key].format(component=phrase(name, words), values=listed(said), meaning=meaning), []
+    return words["answers"][key].format(component=phrase(name, words), values=listed(said, words), meaning=meaning), []
 
 
 def meaning(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
@@ -58,56 +62,71 @@ def meaning(question: Question, decision: Decision, words: Mapping[str, Any]) ->
 def values(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
     """All values of things."""
     said = []
-    for c in question.about:
-        values = listed([f"{phrase(name, words)} {number(c.values[name])}" for name in decision.components])
-        named = {"object": called(c, decision), "values": values, "overall": number(c.overall)}
+    for c in question.about or (question.pool or [])[:_MOST_FOUND]:
+        values = listed([f"{phrase(name, words)} {number(c.values[name])}" for name in decision.components], words)
+        named = {"object": called(c, decision, words), "values": values, "overall": number(c.overall)}
         said.append(sentence(wording("values", decision, words).format(**named)))
     return " ".join(said), []
 
 
-def where(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
-    """Where things lie."""
-    said: list[str] = []
-    computed: list[float] = []
-    for c in question.about:
-        if c.pixel is None:
-            said.append(words["answers"]["no_place"].format(object=called(c, decision)))
-            continue
-        x, y, z = c.position or (0.0, 0.0, 0.0)
-        key = "where" if c.position is not None else "where_pixel"
-        named = {"row": c.pixel[0], "column": c.pixel[1], "x": number(x), "y": number(y), "z": number(z)}
-        said.append(words["answers"][key].format(object=called(c, decision), **named))
-        computed += [*c.pixel, x, y, z]
-    return " ".join(map(sentence, said)), computed
-
-
 def listing(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
     """The candidates."""
-    lines = [f"{c.label}, {the(c.object)} (overall value {number(c.overall)})" for c in decision.candidates]
-    return wording("list", decision, words).format(candidates=listed(lines)), []
+    lines = [
+        words["answers"]["listed"].format(label=c.label, object=the(c.object), overall=number(c.overall))
+        for c in decision.candidates
+    ]
+    return wording("list", decision, words).format(candidates=listed(lines, words)), []
 
 
 def scene(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
-    """What is in the scene."""
-    things = [thing for thing in decision.objects if thing.object_index is not None]
-    if not things or decision.selected.pixel is None:
+    """What is in the scene, or which of a sort are, or what lies at a place."""
+    places = Places(decision)
+    asked = question.pool if question.kind == "scene" else None
+    things = [c for c in (asked or places.things) if c.object_index is not None] or asked or []
+    if asked is not None and not asked:
+        return str(words["answers"]["none_there"]).format(things=question.said), []
+    if not things:
         return listing(question, decision, words)
-    counts: dict[str, int] = {}
-    for thing in things:
-        counts[thing.object] = counts.get(thing.object, 0) + 1
-    shown = [
-        f"{NUMBERS[n] if n < len(NUMBERS) else n} {name}{'s' if n > 1 else ''}"
-        for name, n in list(counts.items())[:_MOST_LISTED]
-    ]
-    if len(counts) > _MOST_LISTED:
-        shown.append("others")
-    total = (
-        f"{NUMBERS[len(things)] if len(things) < len(NUMBERS) else len(things)} object{'s' if len(things) > 1 else ''}"
-    )
-    return words["answers"]["scene"].format(total=total, things=listed(shown)), [
-        float(len(things)),
-        *map(float, counts.values()),
-    ]
+    names = list(dict.fromkeys(thing.object for thing in things))
+    shown, computed = [], [float(len(things))]
+    for name in names[:_MOST_LISTED]:
+        here = [thing for thing in things if thing.object == name]
+        said = so_many(name, len(here), words)
+        if asked is not None and len(things) <= _MOST_LISTED:
+            spots = [spot for thing in here if (spot := _spot(thing, decision, words))]
+            said += f" ({'; '.join(spots)})" if spots else ""
+        shown.append(said)
+        computed.append(float(len(here)))
+    if len(names) > _MOST_LISTED:
+        shown.append(words["answers"]["others"])
+    total = so_many(words["answers"]["an_object"], len(things), words)
+    key = "scene" if len(names) > 1 else "scene_one"
+    return words["answers"][key].format(total=total, things=listed(shown, words)), computed
+
+
+def _spot(thing: Candidate, decision: Decision, words: Mapping[str, Any]) -> str:
+    """A thing's letter and where it lies."""
+    letter = words["own_choice"] if thing.label == SELECTED else thing.label if thing.label != thing.object else ""
+    return ", ".join(part for part in (letter, where(thing, decision, words)) if part)
+
+
+def called_where(thing: Candidate, decision: Decision, words: Mapping[str, Any]) -> str:
+    """A thing and where it lies."""
+    name, place = called(thing, decision, words), where(thing, decision, words)
+    if thing.label == SELECTED:
+        name = f"{name} ({words['own_choice']})"
+    return name if not place or place in name else f"{name} {place}"
+
+
+def counted_word(count: int, words: Mapping[str, Any]) -> str:
+    """A number in words, where there is one for it."""
+    return str(words["numbers"][count]) if count < len(words["numbers"]) else str(count)
+
+
+def so_many(name: str, count: int, words: Mapping[str, Any]) -> str:
+    """So many things of a name."""
+    called = name if count == 1 else str(words["answers"]["plural"]).format(name=name)
+    return str(words["answers"]["count"]).format(count=counted_word(count, words), name=called)
 
 
 def who(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
@@ -127,42 +146,24 @@ def who(question: Question, decision: Decision, words: Mapping[str, Any]) -> Ans
     return f"{best} {text}", []
 
 
-def most(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
-    """Which things are worth most, or least, in a component or over all, each taken where it is worth most."""
-    name = question.component
-
-    def worth(candidate: Candidate) -> float:
-        return candidate.overall if name is None else candidate.values[name]
-
-    best: dict[tuple[str, int | None], Candidate] = {}
-    for c in sorted([*decision.candidates, *decision.objects], key=worth, reverse=True):
-        if question.thing in c.object.lower():
-            best.setdefault((c.object, c.object_index), c)
-    order = sorted(best.values(), key=worth, reverse=not question.lowest)[:_MOST_RANKED]
-    first, *rest = [f"{called(c, decision)} with {number(worth(c))}" for c in order]
-    template = words["answers"][("least" if question.lowest else "most") if rest else "only"]
-    of = words["answers"]["overall"] if name is None else phrase(name, words)
-    return template.format(of=of, first=first, rest=listed(rest) if rest else ""), []
-
-
 def of_number(question: Question, decision: Decision, words: Mapping[str, Any]) -> Answer:
     """Which of the decision's numbers one is."""
     asked, say = number(float(question.thing)), words["answers"]
     found: list[str] = []
     for c in (*decision.candidates, *(o for o in decision.objects if not is_listed(o, decision))):
         found += [
-            say["number_value"].format(component=phrase(n, words), object=called(c, decision))
+            say["number_value"].format(component=phrase(n, words), object=called(c, decision, words))
             for n in c.values
             if _is(c.values[n], asked)
         ]
         if len(c.values) > 1 and _is(c.overall, asked):
-            found.append(say["number_overall"].format(object=called(c, decision)))
+            found.append(say["number_overall"].format(object=called(c, decision, words)))
     others = [o for o in decision.others if not is_listed(o, decision)]
     pairs = [(decision[a], decision[b]) for a, b in decision.pairs] + [(decision.selected, other) for other in others]
     for first, second in pairs:
         names = {
             "first": first.label,
-            "second": second.label if second in decision.candidates else called(second, decision),
+            "second": second.label if second in decision.candidates else called(second, decision, words),
         }
         delta = contrast.rdx(first.values, second.values)
         found += [
@@ -172,43 +173,17 @@ def of_number(question: Question, decision: Decision, words: Mapping[str, Any]) 
             found.append(say["number_difference"].format(component=say["overall"], **names))
         if first.label == SELECTED:
             turns = [phrase(n, words) for n, weight in contrast.flip_points(delta).items() if _is(weight, asked)]
-            found += [say["number_turn"].format(component=name, other=called(second, decision)) for name in turns]
+            found += [
+                say["number_turn"].format(component=name, other=called(second, decision, words)) for name in turns
+            ]
     if len(decision.components) > 1 and (robust := decision.robustness()) and _is(robust[0], asked):
         found.append(say["number_distance"])
     if decision.error and _is(decision.error, asked):
         found.append(say["number_error"])
     if not found:
         return say["number_none"].format(number=asked), []
-    return say["number"].format(number=asked, what=listed(found[:_MOST_RANKED])), []
+    return say["number"].format(number=asked, what=listed(found[:_MOST_FOUND], words)), []
 
 
 def _is(value: float, printed: str) -> bool:
     return number(abs(value)) == printed
-
-
-def is_listed(thing: Candidate, decision: Decision) -> bool:
-    """Whether a thing is one of the candidates."""
-    return any(together(thing, candidate) for candidate in decision.candidates)
-
-
-def called(candidate: Candidate, decision: Decision) -> str:
-    """A candidate in an answer: "the ground (A)"; one that bears the chosen one's name, but is not it, is "another"
-    one.
-    """
-    chosen = decision.selected
-    if candidate.label == SELECTED:
-        return the(candidate.object)
-    name = the(candidate.object)
-    if candidate.object == chosen.object and not together(candidate, chosen):
-        name = (
-            f"another {candidate.object}"
-            if candidate.object_index is not None
-            else f"another spot of {the(candidate.object)}"
-        )
-    here = [
-        c for c in decision.alternatives if (c.object, c.object_index) == (candidate.object, candidate.object_index)
-    ]
-    if candidate.label == candidate.object and any(c.pixel != candidate.pixel for c in here):
-        # A candidate lies on it too, elsewhere.
-        return f"{name} at its best spot"
-    return name if candidate.label in ("", candidate.object) else f"{name} ({candidate.label})"

@@ -2,252 +2,296 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
-from xqmap.explanations.candidate import SELECTED, Candidate
+from xqmap.explanations.candidate import Candidate
 from xqmap.explanations.decision import Decision
-from xqmap.explanations.dialogue.factors import components_in, factor_in, factors_in
-from xqmap.explanations.dialogue.naming import Vocabulary, missing, named, plain, respelled
+from xqmap.explanations.dialogue.factors import factor_in, factors_in
+from xqmap.explanations.dialogue.followups import again, answered, distinct, goes_on
+from xqmap.explanations.dialogue.intents import choose
+from xqmap.explanations.dialogue.language import Language, Span, Token, intents
+from xqmap.explanations.dialogue.mentions import Mention, is_own, separately, words_of
+from xqmap.explanations.dialogue.places import Places
+from xqmap.explanations.dialogue.question import ABOUT_ALL, Question
+from xqmap.explanations.dialogue.referring import Referring
 
-# How each kind of question is recognised, in the order in which they are tried; <things> are the vocabulary's nouns.
-ASKS = {
-    "self": r"\b(who|what) are you\b(?! (going|best))|\bwho made you\b|what are you doing|going on"
-    r"|how (were|did|do) you (trained|learn\w*|made|work)\b|\bneural\b|\bnetworks?\b|\bllm\b|\bgpt\b|language model"
-    r"|\ban? (ai|robot|human|bot)\b|your (job|task)\b",
-    "help": r"^(help|hello|hi|hey)\b|^$|what (can|could|may|should) (i|you)\b|what do you know|what do you mean\b",
-    "thanks": r"^(many )?(thanks|thank you)\b(?!.*\b(why|what|how)\b)"
-    r"|^(ok|okay|great|good|nice|cool|i see|got it|bye)$",
-    "what_if": r"\b(what|how) if\b|\bif\b|\bsuppose\b|\bimagine\b|\bassum|\bwithout\b|\bignor"
-    r"|\bwhat about .*\b(twice|half|times)\b",
-    "number": r"\b(what|which|where|why)\b.*\d[.,]\d|^[+-]?\d+[.,]\d+$",
-    "robust": r"\bflip|change your (mind|choice)|what would it take|\brobust|how close|turn the (choice|decision)"
-    r"|\bnarrow\b|\btight\b|(have|need|has) to (be|drop|change|fall|sink|shrink|rise|grow)\b"
-    r"|before you (would )?(change|choose|pick)|\bwhen would you\b|\bmake you (choose|pick|take|change)\b",
-    "chance": r"\bprobab|\bchances?\b|\blikely\b|\b(it|that|this) work\b|\bsucceed",
-    "sure": r"\b(un)?sure\b|\bcertain|\bconfiden|\btrust\b|\breliab|\bdoubt|toss-?up|\bnoise\b|\berrors?\b"
-    r"|\bclear (choice|winner|call)|\bclose call\b|\bhow far (ahead|behind|apart)\b|\bby how much\b"
-    r"|\bhow much better\b|\bmargin\b|\bmistaken?\b|\byou (be )?wrong\b",
-    "rdx": r"\b(rdx|msx)\b",
-    "q_value": r"\bq-?\s?(values?|maps?)\b|\boverall value\b.*\bmean"
-    r"|what('?s| is| does) (the|an|this) (overall value|sum|total|reward)\b"
-    r"|\bwhat('?s| is| are| does)( an?| the| your)?( \w+)? (components?|propert(y|ies)|decomposition)\b"
-    r"(?!.*\b(most|main|you|your|best)\b)"
-    r"|\bhow many (components|properties)|\bcombine\b|\bsum them\b|\badd (them|up)",
-    "where": r"\bwhere\b|\bposition\b|\bcoordinates?\b|\blocation\b",
-    "who": r"^(what|who|which)('?s| is| does)? (the )?(candidate |pixel |option |letter |point |spot )?"
-    r"\w{1,2}( mean| stand for| here)?$"
-    r"|^tell me about (candidate |pixel |option )?\w{1,2}$",
-    "meaning": r"\bmeans?\b|\bmeaning\b|\bdefin|stands? for|\bmeasure|what('?s| is| are) (a |an |the )?[\w-]+\??$",
-    "runner_up": r"second[- ]best|runner|next best|something else|anything else|anywhere else|somewhere else"
-    r"|another (one|place|spot)|\bpick next\b|\bcomes? (next|after)\b|\b(any|some)thing better\b|\bthere a better\b",
-    "most": r"\bworst\b|\b(lowest|least|highest|best|largest|most|top)\b|^(rank|order|sort) "
-    r"|^which \w+ (is|are|has|have)\b",
-    "component": r"\b(which|what)\b.*(component|propert|contribut|factor|matter|mostly|most\b|feature|criteri)"
-    r"|main reason|most important",
-    "contrastive": r"\bwhy\b.*\b(not|no|rather|instead|over|than|better)\b"
-    r"|\bwhy (did|do|have|are|was|is|could|would)n.?t\b|\bcompare|\bversus\b|\bvs\b|\bdifferen"
-    r"|\b(better|worse|best) (than|of)\b|\bwrong with\b|\bagainst\b|\binstead of\b"
-    r"|\b(which|who|what)\b.* is (better|worse)\b",
-    "list": r"\b(what|which|who|list|show|name|how many)\b.*"
-    r"\b(candidates?|options?|alternatives?|choices|letters?|star)\b|what else",
-    "scene": r"^any\b|^(?!.*\bbest\b).*(what (do|can|did) you see|what('s| is| are) (there|in|on)\b"
-    r"|\b(is|are) there\b|\bdo you see\b|\bhow many\b.*\b(objects?|things?|(<things>)s?|there|ones)\b"
-    r"|\b(what|which|list|name|show)( me)?( all)?( the)? (objects?|things?|(<things>)s?|scene)\b)",
-    "component_of": r"\bhow\b|\bwhat\b|\bvalue\b|\brole\b|^(is|was|does|did|are)\b|\bscore|\btell me\b|\bmuch\b"
-    r"|\bwhy (is|was)\b.*\b(high|low|negative|positive|zero|small|large)\b",
-    "values": r"\bvalues?\b|\bhow good\b|\bscore|\bworth\b|\bnumbers?\b|\btell me about\b|\bwhat is\b|\bhow much\b",
-    "shallow": r"\bwhy\b|\bexplain|\breasons?\b|\bwhat made\b|\bhow come\b"
-    r"|what (did|do|will|have) you (choose|chosen|pick|select)|\bwhat is selected\b|\bjustify\b"
-    r"|which (one|object)? ?did you|\bwhat was your (choice|decision)\b|\bhow did you decide\b|\bbest\b",
-}
-# Words that are mended where they are misspelled, besides those of the scene and its components.
-_VOCABULARY = (
-    "which difference different compare component property value values matter matters important certain counted "
-    "twice better instead rather object"
-)
-_SUPPOSED = r"\bif\b|\bsuppose\b|\bimagine\b|\bassum|\bwithout\b"
-# Of the chosen one: that it could not be chosen.
-_GONE = (
-    r"\b(no|gone|remov\w*|missing|taken|vanish\w*|blocked|disappear\w*|without|not there)\b"
-    r"|\bcan('?t|not| not)\b|\bcould(n'?t| not)\b|n't there\b"
-)
-# What is put in order ...
-_RANKED = r"\bworst\b|\b(<things>|object|thing|option|candidate|spot|one)s?\b"
-# ... and what asks for a reason, not for an order.
-_NOT_RANKED = (
-    r"\bwhy\b|important|matter|contribut|reason|factor|propert|component|criteri|differen|\bspeaks?\b"
-    r"|\bmostly\b|\bat (most|least)\b"
-)
-# In "why not the …", words that mean whatever was next best.
-_ANYTHING = r"objects?|things?|others?|rest|ones?|one|then|now|any"
 # Words of a question like "the red one?", which goes on with the one before.
 _SHORT = 5
-# Kinds that "and B?" can repeat for somebody else.
-_REPEATED = "who contrastive what_if component component_of sure robust values where meaning".split()
+_BARE = {"thing", "things", "opposite", "own", "letter", "kind", "claim", "component", "factor"}
+# After these, another than the chosen one is meant.
+_TURNS = ("not", "than", "instead", "compare", "differ", "against", "wrong", "other")
+# These are asked of two things.
+_BETWEEN = ("differ", "compare", "distance")
+# Concepts that words within a mention keep.
+_KEPT = ("which", "what", "how_many", "all", "most", "least", "not", "exists")
+# Kinds that are about the choice where nothing is named.
+_OF_CHOICE = ("shallow", "sure", "robust", "chance", "component", "runner_up", "safe")
 
 
-@dataclass
-class Question:
-    """What was understood.
-
-    Attributes:
-        kind: a key of ``ASKS``, ``pair`` (two candidates of which neither was chosen), ``scene_if`` (another scene),
-            ``missing`` (of a thing that is not there), ``no_component`` (of a property without a Q-Map of its own) or
-            ``unknown``.
-        about: the candidates or objects that are named.
-        component: the component that is named, if any.
-        factors: for ``what_if``, how many times as much a component counts, by name.
-        thing: what is missing; for ``number`` the number, for ``most`` the kind of thing, if one is named.
-        lowest: for ``most``, whether the least is asked for.
-    """
-
-    kind: str
-    about: list[Candidate] = field(default_factory=list)
-    component: str | None = None
-    factors: dict[str, float] = field(default_factory=dict)
-    thing: str = ""
-    lowest: bool = False
-
-
-def understand(text: str, decision: Decision, words: Mapping[str, Any], before: Question | None = None) -> Question:
-    """Reads a question; one that makes no sense as it stands is read again with its misspelled words mended.
+class Understanding:
+    """Reads questions about one decision in one language.
 
     Args:
-        text: what the person typed.
-        decision: what it is about.
-        words: the task's wording, for what components are called.
-        before: the question before this one, which "and B?" refers back to.
+        decision: what they are about.
+        words: the task's wording, for what components are called and what else there may be.
+        language: of the questions.
     """
-    vocabulary = Vocabulary.of(decision, words)
-    question = _read(text, decision, words, vocabulary, before)
-    if question.kind not in ("unknown", "missing"):
-        return question
-    components = [name for own in decision.components for name in (own, *words["synonyms"].get(own, []))]
-    mended = respelled(text, [_VOCABULARY, *vocabulary.nouns, *vocabulary.looks, *components])
-    return question if mended == plain(text) else _read(mended, decision, words, vocabulary, before)
 
+    def __init__(self, decision: Decision, words: Mapping[str, Any], language: Language) -> None:
+        self.decision, self.words, self.language = decision, words, language
+        self.places = Places(decision)
+        self._components = {
+            name: [name, str(words["components"].get(name, name)), *words["synonyms"].get(name, [])]
+            for name in decision.components
+        }
+        known = {
+            word.lower()
+            for name, called in self._components.items()
+            for word in (*called, *words["opposites"].get(name, []))
+        }
+        self._properties = {
+            name: [word for word in called if word.lower() not in known]
+            for name, called in (
+                *(
+                    (name, [name, *words["synonyms"].get(name, [])])
+                    for name in (*words["components"], *words["other_properties"])
+                ),
+                *language.content["properties"].items(),
+            )
+            if name.lower() not in known
+        }
+        self._known_words = [*known, *self._properties]
 
-def _read(
-    text: str, decision: Decision, words: Mapping[str, Any], vocabulary: Vocabulary, before: Question | None
-) -> Question:
-    said = plain(text)
-    about = named(text, decision, vocabulary)
-    things = {word for c in (*decision.candidates, *decision.objects) for word in c.object.lower().split()}
-    # "The color of the inclined block" is about color, "is it inclined" about flatness.
-    apart = " ".join(word for word in said.split() if word not in things)
-    mentioned = components_in(apart, decision.components, words) or components_in(said, decision.components, words)
-    component = mentioned[0] if mentioned else None
-    others = [candidate for candidate in about if candidate.label != SELECTED]
-    supposed = re.search(_SUPPOSED, said) is not None
-    if (thing := missing(text, decision, vocabulary)) and not supposed:
-        return Question("missing", thing=thing)
-    follows = re.search(r"^(and|what about|how about|or)\b", said) is not None
-    if (
-        before is not None
-        and follows
-        and not re.search(r"\bwhy\b|\bif\b", said)
-        and (again := _again(said, before, others, component))
-    ):
-        return again
-    kind = next(
-        (
-            kind
-            for kind, pattern in ASKS.items()
-            if re.search(vocabulary.within(pattern), said) and _fits(kind, said, about, component, vocabulary)
-        ),
-        "unknown",
-    )
-    strange = [name for name in (*words["components"], *words["other_properties"]) if name not in decision.components]
-    foreign = components_in(said, strange, words)
-    if foreign and not component and kind in ("what_if", "component_of", "meaning", "component", "most", "unknown"):
-        return Question("no_component", component=foreign[0])
-    if kind == "what_if":
-        factors = factors_in(said, decision, words)
-        if not factors and decision.selected in about and re.search(_GONE, said):
-            return Question("runner_up")
-        return Question("what_if" if factors else "scene_if", about, component, factors)
-    if len(mentioned) > 1 and not about and re.search(r"\bor\b|\bthan\b", said):
-        return Question("component")
-    if kind == "number":
-        return Question(kind, thing=re.findall(r"\d+[.,]\d+", said)[0].replace(",", "."))
-    if kind == "most":
-        nouns = {c.object.split()[-1].lower() for c in (*decision.candidates, *decision.objects)}
-        noun = next((noun for noun in sorted(nouns) if re.search(rf"\b{re.escape(noun)}s?\b", said)), "")
-        # "Rank the cubes" means the overall value, also where a component is called a rank.
-        of = component if not said.startswith("rank ") or re.search(r"\b(by|in|for)\b", said) else None
-        return Question(
-            kind, component=of, thing=noun, lowest=re.search(r"\bworst\b|\blowest\b|\bleast\b", said) is not None
-        )
-    if kind == "contrastive" and not about and (unheard := re.search(r"\bwhy not (the |an? |that )?([a-z .]+)$", said)):
-        described = [word for word in unheard.group(2).replace(".", " ").split() if not re.fullmatch(_ANYTHING, word)]
-        if described:
-            return Question("missing", thing=" ".join(described)) if unheard.group(1) else Question("unknown")
-    if kind == "contrastive" or (kind == "rdx" and others):
-        one_by_one = re.search(r"\bwhy\b.*\bnot\b|n.?t\b", said)
-        if len(others) == 2 and len(about) == 2 and not one_by_one:
-            return Question("pair", others)
-        return Question("contrastive", others or about or decision.others[:1])
-    refers = before is not None and re.search(r"\b(it|its|that|this one|there)\b", said)
-    meant = before.about if before is not None and before.about and refers else [decision.selected]
-    if kind in ("component_of", "values", "where") and not about:
-        return Question(kind, meant, component)
-    if kind == "shallow" and others:
-        return Question("contrastive", others)
-    if kind == "unknown" and (about or component):
-        again = _again(said, before, others, component) if before is not None and len(said.split()) <= _SHORT else None
-        alone = (
-            Question("component_of", meant, component) if component else Question("contrastive", [decision.selected])
-        )
-        if again or others or component or len(said.split()) <= _SHORT:
-            return again or (Question("contrastive", others) if others else alone)
-    return Question(kind, about if kind in ("component_of", "values", "where", "who") else others, component)
+    @property
+    def _names(self) -> list[str]:
+        things = [word for thing in self.places.things for word in words_of(thing)]
+        ends = self.language.content["degrees"].values()
+        degrees = [form for word in self._known_words for end in ends for form in _degrees(word, end)]
+        return [*things, *self.words["other_things"], *self.words["other_looks"], *self._known_words, *degrees]
 
+    def knows(self, text: str) -> int:
+        """How many words of a text are of this language."""
+        words = [token.word for token in self.language.tokens(text) if token.is_word]
+        return sum(self._known(word) for word in words)
 
-def _fits(kind: str, said: str, about: list[Candidate], component: str | None, vocabulary: Vocabulary) -> bool:
-    """Whether a pattern that matched can be meant, given who and what is named."""
-    others = [candidate for candidate in about if candidate.label != SELECTED]
-    if kind in ("component_of", "meaning"):
-        return component is not None and not (kind == "meaning" and about)
-    if kind == "values":
-        return bool(about) or re.search(r"\bit\b|\byour choice\b|\bchosen\b|\bvalues\b|\bnumbers\b", said) is not None
-    if kind == "who":
-        return len(others) == 1 and others[0].label != others[0].object and component is None
-    if kind == "most":
-        aimed = component is not None or re.search(vocabulary.within(_RANKED), said)
-        superlative = component is not None or re.search(ASKS["most"].rpartition("|^which")[0], said)
-        return bool(aimed and superlative) and not others and not re.search(_NOT_RANKED, said)
-    if kind == "q_value":
-        return not others
-    if kind == "what_if":
-        return component is not None or re.search(_SUPPOSED, said) is not None
-    return True
+    def read(self, text: str, before: Question | None = None) -> list[Question]:
+        """The questions in a text; one that refers back ("and B?", "where is it?") goes on with ``before``."""
+        found: list[Question] = []
+        for part in self._parts(self.language.mended(self.language.tokens(text), self._names)):
+            found.append(self._read(part, before))
+            before = found[-1] if found[-1].kind not in ("help", "unknown", "thanks") else before
+        clear = [question for question in found if question.kind not in ("help", "unknown", "thanks")]
+        return clear or found[:1] or [self._read([], before)]
 
+    def _parts(self, tokens: list[Token]) -> list[list[Token]]:
+        """Several questions in one text."""
+        parts: list[list[Token]] = [[]]
+        asks, joins = self.language.content["asks"], self.language.content["clauses"]
+        for i, token in enumerate(tokens):
+            after = tokens[i + 1].word if i + 1 < len(tokens) else ""
+            if token.word in "?!.;" or (token.word in joins and len(parts[-1]) > 1 and after in asks):
+                if token.word not in joins:
+                    parts[-1].append(token)
+                parts.append([])
+            else:
+                parts[-1].append(token)
+        return [part for part in parts if any(token.is_word or token.number is not None for token in part)]
 
-def _again(said: str, before: Question, others: list[Candidate], component: str | None) -> Question | None:
-    """The question before, about somebody or something else: "and B?", "and 3 times as much?", "what about
-    flatness?".
-    """
-    if before.kind == "pair" and others:
-        return Question("contrastive", others)
-    if before.kind not in _REPEATED:
+    def _read(self, tokens: list[Token], before: Question | None) -> Question:
+        spans = self.language.concepts(tokens) + self._properties_in(tokens)
+        subject = before.subject if before is not None else []
+        if any(span.concept == "rank" and span.start == 0 for span in spans):
+            # "Rank" at the beginning asks for an order, also where a component is called so.
+            spans = [span for span in spans if span.start > 0 or ":" not in span.concept]
+        pool = before.pool or [] if before is not None else []
+        mentions = Referring(tokens, spans, self.places, self.language, self.words, subject, pool).mentions()
+        if any(span.concept in _BETWEEN for span in spans):
+            mentions = [one for mention in mentions for one in separately(mention)]
+        inside = {at: mention for mention in mentions for at in range(mention.start, mention.end)}
+        free = [s for s in spans if s.concept in _KEPT or not all(at in inside for at in range(s.start, s.end))]
+        free += [s for s in spans if s.start in inside and s.start in inside[s.start].asked and s.concept not in _KEPT]
+        named = {s.start: s.concept.partition(":")[2] for s in free if s.concept.startswith("component:")}
+        factors = factors_in(tokens, named, self.decision.components, self.language)
+        bag = self._bag(free, mentions, named, bool(factors) or factor_in(tokens, self.language) is not None, tokens)
+        strange = [
+            t.text
+            for i, t in enumerate(tokens)
+            if t.is_word
+            and i not in inside
+            and not any(s.start <= i < s.end for s in spans)
+            and not self._known(t.word)
+        ]
+        kind, explained = choose(bag)
+        if len(strange) > explained or (strange and not mentions and kind == "contrastive"):
+            kind = "unknown"
+        question = Question(kind, strange=strange)
+        question.component = next(iter(named.values()), None)
+        question.factors = factors
+        return self._settled(question, mentions, bag, tokens, before, free)
+
+    def _known(self, word: str) -> bool:
+        return len(word) < 2 or self.language.knows(word) or self.language.stem(word, set(self._names)) is not None
+
+    def _properties_in(self, tokens: Sequence[Token]) -> list[Span]:
+        """Components and other properties, in any degree ("flattest"), by their opposites too."""
+        found = []
+        opposite = {name: self.words["opposites"].get(name, []) for name in self._components}
+        for sort, lists in (("component", self._components), ("component", opposite), ("property", self._properties)):
+            for name, called in lists.items():
+                for word in called:
+                    typed = word.lower().rstrip("*").split()
+                    for i in range(len(tokens) - len(typed) + 1):
+                        here = [token.word for token in tokens[i : i + len(typed)]]
+                        degree = self._degree(here[0], typed[0]) if len(typed) == 1 else None
+                        if here == typed or degree or (word.endswith("*") and here[0].startswith(typed[0])):
+                            concepts = [f"{sort}:{name}", *([degree] if degree else [])]
+                            concepts += ["opposite"] if lists is opposite else []
+                            found += [Span(concept, i, i + len(typed)) for concept in concepts]
+        return found
+
+    def _degree(self, typed: str, word: str) -> str | None:
+        """Whether a typed word is more, or most, of another."""
+        for concept, ending in self.language.content["degrees"].items():
+            if typed in _degrees(word, ending):
+                return str(concept)
         return None
-    if before.kind == "what_if":
-        bare = re.search(r"\d+(?:[.,]\d+)?$", said)
-        factor, known = (
-            float(bare.group().replace(",", ".")) if bare else factor_in(said),
-            next(iter(before.factors.values())),
+
+    def _bag(
+        self, free: list[Span], mentions: list[Mention], named: dict[int, str], factor: bool, tokens: list[Token]
+    ) -> dict[str, float]:
+        """The concepts of a question, and how many of its words stand for each."""
+        bag: dict[str, float] = {}
+        for span in free:
+            name = span.concept.partition(":")[0]
+            if name not in self.language.asked and name not in ("component", "property", "opposite"):
+                continue
+            bag[name] = max(bag.get(name, 0.0), float(span.end - span.start))
+        others = [m for m in mentions if m.sort in ("one", "it") and not _all_own(m)]
+        bag |= {"own": 1.0} if any(m.sort in ("one", "it") and _all_own(m) for m in mentions) else {}
+        bag |= {"thing": 1.0} if others else {}
+        told = [c for m in others if m.sort == "it" or len(m.things) == 1 for c in m.things if not is_own(c)]
+        unclear = sum(m.sort == "one" and len(m.things) != 1 for m in others)
+        bag |= {"things": 2.0} if len(distinct(told)) + unclear > 1 else {}
+        bag |= {"order": 1.0} if any(t.word in self.language.content["ordinals"] for t in tokens) else {}
+        bag |= {"letter": 1.0} if any(m.letter for m in mentions) else {}
+        bag |= {"kind": 1.0} if any(m.sort == "many" for m in mentions) else {}
+        bag |= {"claim": 1.0} if any(m.sort == "some" for m in mentions) else {}
+        bag |= {"components": 2.0} if len(set(named.values())) > 1 else {}
+        bag |= {"factor": 1.0} if factor else {}
+        if any(t.number is not None and ("." in t.word or "," in t.word) for t in tokens) and "if" not in bag:
+            bag["number"] = 2.0
+        return bag
+
+    def _settled(
+        self,
+        question: Question,
+        mentions: list[Mention],
+        bag: dict[str, float],
+        tokens: list[Token],
+        before: Question | None,
+        free: list[Span],
+    ) -> Question:
+        """The question with everything it is about, or what stands in the way of that."""
+        kind, words = question.kind, [t for t in tokens if t.is_word or t.number is not None]
+        supposed = "if" in bag or "without" in bag
+        turn = min((s.start for s in free if s.concept in _TURNS), default=len(tokens))
+        strange = next((s.concept.partition(":")[2] for s in free if s.concept.startswith("property:")), None)
+        gone = next((m for m in mentions if not m.things and (m.said or m.unknown)), None)
+        if gone is not None and not supposed and kind not in ("identity", "disagree"):
+            return self._absent(gone, question)
+        if strange and question.component is None and kind in intents()["strange"]:
+            return replace(question, kind="no_component", component=strange)
+        question.property = strange or "" if kind in ("contrastive", "shallow", "pair") else ""
+        settled = [self._meant(m, m.start > turn, "why" in bag or "choose" in bag) for m in mentions]
+        about = distinct(
+            [c for found in settled for c in found if len(found) == 1 or mentions[settled.index(found)].sort == "it"]
         )
-        if component is None and factor is None:
-            return None
-        names = [component] if component else list(before.factors)
-        return Question("what_if", [], names[0], dict.fromkeys(names, known if factor is None else factor))
-    if others:
-        return Question(before.kind, others, component or before.component)
-    return (
-        Question(before.kind, before.about, component)
-        if component and before.kind in ("component_of", "meaning")
-        else None
-    )
+        several = next((m for m, f in zip(mentions, settled, strict=True) if m.sort == "one" and len(f) > 1), None)
+        groups = [m for m in mentions if m.sort in ("many", "some")]
+        # Of "purple rather than yellow" the others; of "not green, it is blue" what is said at last.
+        apart = [m for m in groups if not any(map(is_own, m.things))] if "than" in bag else groups[-1:]
+        group = next(iter((apart or groups) if kind in ("contrastive", "disagree") else groups), None)
+        question.pool = group.things if group else None
+        question.said, question.places = (group.said, group.places) if group else ("", [])
+        question.claim = group.words if group and group.sort == "some" else []
+        opposite = "opposite" in bag
+        up, down = {"most", "tallest", "largest"}, {"least", "lowest", "smallest"}
+        question.most = not opposite if up & set(bag) else opposite if down & set(bag) else None
+        question.denied = ("not" in bag) != opposite
+        question.by = (
+            "height" if {"tallest", "lowest"} & set(bag) else "size" if {"largest", "smallest"} & set(bag) else ""
+        )
+        left_open = before is not None and before.kind == "which_one" and len(words) <= _SHORT + 2
+        if before is not None and left_open:
+            closed = answered(before, mentions, about, tokens, self.places, self.language)
+            if closed is not None:
+                return closed
+        if several is not None and not supposed:
+            options = settled[mentions.index(several)]
+            open_ = replace(question, about=about)
+            return Question("which_one", options, said=several.said, again=open_, subject=options)
+        others = [c for c in about if not is_own(c)]
+        if kind == "presupposed" and not any(map(is_own, question.pool or [])):
+            kind = question.kind = "contrastive"
+        if kind in ("robust", "turn", "sure", "chance") and not others and question.pool:
+            others = sorted((c for c in question.pool if not is_own(c)), key=lambda c: -c.overall)[:1]
+        if kind == "pair" and len(others) < 2:
+            kind = question.kind = "contrastive"
+        if kind == "runner_up" and question.pool and "if" in bag:
+            about = [*about, *question.pool]
+        if kind == "number":
+            number = next(t.word for t in tokens if t.number is not None and ("." in t.word or "," in t.word))
+            question.thing = number.replace(",", ".").lstrip("+-")
+        if kind == "what_if" and not question.factors:
+            question.kind = "scene_if"
+        more = bool(tokens) and goes_on(tokens, self.language)
+        bare = len(words) <= _SHORT and set(bag) <= _BARE
+        if before is not None and not supposed | ("why" in bag) and (more or bare):
+            repeated = again(before, others, about, question, tokens, self.language)
+            if repeated is not None:
+                return repeated
+        if kind == "shallow" and set(bag) <= {"why"} and before is not None and before.subject:
+            about = before.subject
+            if others := [c for c in about if not is_own(c)]:
+                question.kind = "because" if before.kind in ("contrastive", "because") else "contrastive"
+        if kind == "unknown" and (about or question.component) and not question.strange:
+            question.kind = "component_of" if question.component else "contrastive"
+        if kind == "contrastive" and not others and any(not is_own(c) for c in question.pool or []):
+            about = []
+        if kind == "runner_up" and before is not None and before.kind == kind and goes_on(tokens, self.language):
+            about = distinct([*before.about, *about])
+        question.about = about if question.kind in ABOUT_ALL else others
+        if question.kind == "contrastive" and not others and about:
+            question.about = about
+        if question.kind in ABOUT_ALL and not about:
+            question.about = [self.decision.selected] if question.pool is None else []
+        chosen = [self.decision.selected] if question.kind in _OF_CHOICE else []
+        question.subject = question.about or about or chosen or (before.subject if before else [])
+        return question
+
+    def _absent(self, mention: Mention, question: Question) -> Question:
+        if mention.places or not mention.said:
+            there = Referring([], [], self.places, self.language, self.words, [])._fitting(mention.words, [])
+            if there and mention.words:
+                return Question("misplaced", there, thing=mention.said, subject=there[:1])
+        return Question("missing", thing=mention.said, by="letter" if mention.letter else "")
+
+    def _meant(self, mention: Mention, turned: bool, choosing: bool) -> list[Candidate]:
+        """Of several things that a description fits: the chosen one, or the others, where the question tells."""
+        if len(mention.things) < 2 or mention.sort != "one":
+            return mention.things
+        others = [c for c in mention.things if not is_own(c)]
+        if len(others) < len(mention.things):
+            return others if turned else [self.decision.selected] if choosing else mention.things
+        return mention.things
+
+
+def _all_own(mention: Mention) -> bool:
+    return bool(mention.things) and all(is_own(c) for c in mention.things)
+
+
+def _degrees(word: str, ending: str) -> tuple[str, str]:
+    """How an adjective may be written with an ending: "steeper", "flatter"."""
+    return word + ending, word + word[-1] + ending

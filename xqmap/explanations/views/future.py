@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from xqmap.explanations import contrast
 from xqmap.explanations.candidate import SELECTED, Candidate
-from xqmap.explanations.views.words import listed, number, phrase, sentence, signed, the
+from xqmap.explanations.views.words import another, listed, number, phrase, sentence, signed, the
 
 if TYPE_CHECKING:
     from xqmap.explanations.decision import Decision
@@ -46,7 +46,7 @@ def when(decision: Decision, first: Candidate, second: Candidate, words: Mapping
         key = "when_more_later" if following > 0 else "when_less_later"
     nothing = sum(second.later.values()) <= error < sum(first.later.values())
     names = {
-        "other": the(second.object) if second.object != first.object else f"the other {second.object}",
+        "other": the(second.object) if second.object != first.object else another(second, words),
         "now": signed(sooner),
         "now_values": _parts(now, words, signed),
         "later": signed(following),
@@ -64,7 +64,7 @@ def played(decision: Decision, words: Mapping[str, Any]) -> list[str]:
         came = {name: sum(returns[name] for returns in copies) / len(copies) for name in decision.components}
         names = {
             "object": the(candidate.object) if label == SELECTED else f"{the(candidate.object)} ({label})",
-            "times": "once" if len(copies) == 1 else f"{len(copies)} times",
+            "times": words["once"] if len(copies) == 1 else str(words["times"]).format(count=len(copies)),
             "came": number(sum(came.values())),
             "came_values": _parts(came, words, number),
             "expected": number(candidate.overall),
@@ -77,4 +77,4 @@ def played(decision: Decision, words: Mapping[str, Any]) -> list[str]:
 def _parts(values: Mapping[str, float], words: Mapping[str, Any], form: Any) -> str:
     """Each component and its number, those that do not show left out."""
     shown = {name: value for name, value in values.items() if float(number(value))} or values
-    return listed([f"{phrase(name, words)} {form(value)}" for name, value in shown.items()])
+    return listed([f"{phrase(name, words)} {form(value)}" for name, value in shown.items()], words)

@@ -14,26 +14,28 @@ from xqmap.config import plugins
 from xqmap.explanations import contrast
 from xqmap.explanations.candidate import SELECTED, Candidate, together
 from xqmap.explanations.views import future
-from xqmap.explanations.views.words import counted, listed, number, phrase, sentence, signed, the
+from xqmap.explanations.views.words import another, counted, listed, number, phrase, sentence, signed, the
 
 if TYPE_CHECKING:
     from xqmap.explanations.decision import Decision
 
 
-def wording_for(task: str) -> dict[str, Any]:
+def wording_for(task: str, language: str = "") -> dict[str, Any]:
     """The templates of a task (``conf/explain/wording``) over those that its file names as ``defaults``, or the plain
-    ones.
+    ones; of a ``language``, those of its files (``landing_de``) over them.
     """
-    merged = OmegaConf.merge(_wording("plain"), _wording(task))
+    files = ["plain", task, *([f"plain_{language}", f"{task}_{language}"] if language else [])]
+    merged = OmegaConf.merge(*map(_wording, files))
     return {str(key): value for key, value in OmegaConf.to_container(merged).items()}  # type: ignore[union-attr]
 
 
-def wording_of(decision: Decision) -> dict[str, Any]:
-    """The templates that a decision is told in: its task's; where that has none of its own, and no cell of a map was
-    chosen, those of ``actions``.
+def wording_of(decision: Decision, language: str = "") -> dict[str, Any]:
+    """The templates that a decision is told in, see :func:`wording_for`: its task's; where that has none of its own,
+    and no cell of a map was chosen, those of ``actions``.
     """
     own = plugins.find("explain", "wording", f"{decision.task}.yaml") is not None
-    return wording_for(decision.task if own or decision.selected.pixel is not None else "actions")
+    task = decision.task if own or decision.selected.pixel is not None else "actions"
+    return wording_for(task, language)
 
 
 def _wording(name: str) -> DictConfig:
@@ -112,7 +114,7 @@ def shallow(decision: Decision, words: Mapping[str, Any]) -> str:
         c for c in decision.alternatives if number(c.overall) != number(chosen.overall) and c.overall > chosen.overall
     ]:
         return words["shallow_not_highest"].format(
-            **names, other=listed([f"{the(c.object)} ({c.label})" for c in better])
+            **names, other=listed([f"{the(c.object)} ({c.label})" for c in better], words)
         )
     if len(decision.components) == 1:
         return words["shallow_single"].format(**names)
@@ -141,8 +143,8 @@ def contrastive(decision: Decision, first: Candidate, second: Candidate, words: 
         "verb": words["verb"],
         "object": the(first.object),
         "first": _called(first),
-        "other": _other(first, second),
-        "labeled": _called(second, _other(first, second)),
+        "other": _other(first, second, words),
+        "labeled": _called(second, _other(first, second, words)),
         "gap": number(abs(gap)),
         "error": number(decision.error),
     }
@@ -159,12 +161,12 @@ def contrastive(decision: Decision, first: Candidate, second: Candidate, words: 
     kind = "lower" if gap < 0 else "contrastive" if chose else "pair"
     text = words[f"{kind}_both" if con else kind].format(
         **names,
-        pro=listed([phrase(n, words) for n in pro]),
+        pro=listed([phrase(n, words) for n in pro], words),
         speaks_for="speaks" if len(pro) == 1 else "speak",
-        pro_values=listed([signed(delta[n]) for n in pro]),
-        con=listed([phrase(n, words) for n in con]) if con else "",
+        pro_values=listed([signed(delta[n]) for n in pro], words),
+        con=listed([phrase(n, words) for n in con], words) if con else "",
         speaks_against="speaks" if len(con) == 1 else "speak",
-        con_values=listed([signed(delta[n]) for n in con]) if con else "",
+        con_values=listed([signed(delta[n]) for n in con], words) if con else "",
     )
     if gap < 0:
         return sentence(text)
@@ -184,7 +186,7 @@ def _same(first: Candidate, second: Candidate, words: Mapping[str, Any]) -> str:
     if gap == "0.00":
         return sentence(words["same_object"].format(**names))
     better = names["first" if first.overall > second.overall else "second"]
-    values = listed([f"{phrase(name, words)} {signed(value)}" for name, value in delta.items()])
+    values = listed([f"{phrase(name, words)} {signed(value)}" for name, value in delta.items()], words)
     template = words["same_object_better" if len(delta) > 1 else "same_object_single"]
     return sentence(template.format(**names, better=better, gap=gap, values=values))
 
@@ -208,7 +210,7 @@ def robustness(decision: Decision, words: Mapping[str, Any]) -> str:
     if found is None:
         return str(words["robust_alone"])
     distance, name = found
-    other = the(name) if name != decision.selected.object else f"another {name}"
+    other = the(name) if name != decision.selected.object else str(words["another"]).format(object=name)
     if not math.isfinite(distance):
         return sentence(words["robust_never"].format(other=other))
     return sentence(words["robust"].format(other=other, distance=number(abs(distance))))
@@ -219,7 +221,7 @@ def turn(delta: Mapping[str, float], other: str, words: Mapping[str, Any]) -> st
     found = contrast.nearest_flip(delta)
     if found is None:
         return str(words["no_flip"]).format(other=other)
-    return str(words["flip"]).format(component=phrase(found[0], words), counted=counted(found[1]), other=other)
+    return str(words["flip"]).format(component=phrase(found[0], words), counted=counted(found[1], words), other=other)
 
 
 def _called(candidate: Candidate, name: str = "") -> str:
@@ -230,10 +232,8 @@ def _called(candidate: Candidate, name: str = "") -> str:
     return name if candidate.label in (SELECTED, candidate.object) else f"{name} ({candidate.label})"
 
 
-def _other(first: Candidate, second: Candidate) -> str:
-    if first.object != second.object:
-        return the(second.object)
-    return f"another spot of {the(second.object)}" if second.object_index is None else f"another {second.object}"
+def _other(first: Candidate, second: Candidate, words: Mapping[str, Any]) -> str:
+    return the(second.object) if first.object != second.object else another(second, words)
 
 
 def _agreeing(decision: Decision, words: Mapping[str, Any]) -> str:
@@ -253,11 +253,11 @@ def _agreeing(decision: Decision, words: Mapping[str, Any]) -> str:
         str(template).format(
             verb=words["verb"],
             object=the(chosen.object),
-            spots=listed(spots),
+            spots=listed(spots, words),
             spot="spots" if many else "spot",
             are="are" if many else "is",
             lie="lie" if many else "lies",
-            components=listed([phrase(whose.get(c.label, c.label), words) for c in here]),
+            components=listed([phrase(whose.get(c.label, c.label), words) for c in here], words),
             agree="agree" if many else "agrees",
         )
     )
@@ -271,7 +271,9 @@ def _enough(delta: Mapping[str, float], reasons: int, words: Mapping[str, Any]) 
     said = []
     if plus and len(plus) < reasons:
         own, outweighs = ("its own", "outweighs") if len(plus) == 1 else ("their own", "outweigh")
-        said.append(words["msx"].format(own=own, plus=listed([phrase(n, words) for n in plus]), outweighs=outweighs))
+        said.append(
+            words["msx"].format(own=own, plus=listed([phrase(n, words) for n in plus], words), outweighs=outweighs)
+        )
     if minus:
-        said.append(words["msx_minus"].format(minus=listed([phrase(n, words) for n in minus])))
+        said.append(words["msx_minus"].format(minus=listed([phrase(n, words) for n in minus], words)))
     return said

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from xqmap.explanations.candidate import Candidate
+
 
 def number(value: float) -> str:
     """Two decimals, and no minus before zero."""
@@ -18,15 +20,15 @@ def signed(value: float) -> str:
     return text if text.startswith("-") or float(text) == 0 else f"+{text}"
 
 
-def listed(words: Sequence[str]) -> str:
+def listed(items: Sequence[str], words: Mapping[str, Any]) -> str:
     """Words as a list in a sentence: a; a and b; a, b and c."""
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+    return items[0] if len(items) == 1 else f"{', '.join(items[:-1])} {words['and']} {items[-1]}"
 
 
-def counted(weight: float) -> str:
+def counted(weight: float, words: Mapping[str, Any]) -> str:
     """How much a component counts, in words: "did not count", "counted half as much", "counted 1.30 times as much"."""
-    known = {"0.00": "did not count", "0.50": "counted half as much", "2.00": "counted twice as much"}
-    return known.get(number(weight), f"counted {number(weight)} times as much")
+    known = words["counted"]
+    return str(known.get(number(weight), known["times"])).format(times=number(weight))
 
 
 def phrase(component: str, words: Mapping[str, Any]) -> str:
@@ -35,10 +37,16 @@ def phrase(component: str, words: Mapping[str, Any]) -> str:
 
 
 def the(thing: str) -> str:
-    """A thing's name with its article."""
-    return thing if thing.startswith(("the ", "a ", "an ", "another ")) else f"the {thing}"
+    """A thing's name with its article; one in »quotation marks«, of a language that inflects names, as it is."""
+    return thing if thing.startswith(("the ", "a ", "an ", "another ", "»")) else f"the {thing}"
 
 
 def sentence(text: str) -> str:
     """With a capital at its beginning."""
     return text[:1].upper() + text[1:]
+
+
+def another(thing: Candidate, words: Mapping[str, Any]) -> str:
+    """A thing that bears the name of one that was spoken of."""
+    template = words["another_spot" if thing.object_index is None else "another"]
+    return str(template).format(object=thing.object, the=the(thing.object))
