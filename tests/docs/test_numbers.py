@@ -76,6 +76,23 @@ def test_the_agents_that_ship() -> None:
         assert told in " ".join(PAGES["results"].text.split())
 
 
+def test_the_agent_with_a_future() -> None:
+    found = _content("xqmap", "pretrained", "foresight", "evaluation.json")
+    own = found | {"mean": found["success"]["mean"]}
+    told = PAGES["results"].table("who chooses")
+    for row, measured in zip(told, (own, found["controls"]["out of context"]), strict=True):
+        shares = measured["optimal"]["mean"], measured["return_ratio"], measured["mean"]
+        assert row[1:] == [tables.percent(share) for share in shares]
+    for row, name in zip(PAGES["results"].table("bars"), ("shape", "color"), strict=True):
+        exact = found["calibration"]["exact"][name]
+        numbers = [
+            f"{exact['bias']:+.2f}".replace("-", "−"),
+            f"{exact['mae']:.2f}",
+            tables.percent(exact["sign_accuracy"]),
+        ]
+        assert row[0].startswith(name) and row[1:] == numbers
+
+
 def test_the_contrast() -> None:
     told = PAGES["results"].table("bars of")
     assert [row[:2] for row in told] == [[who, part] for who in ("X-QMap", "HRA") for part in ("shape", "color")]

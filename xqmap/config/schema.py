@@ -117,6 +117,7 @@ class Evaluation:
     choices: int = _bounded(1)
     until: dict[str, float] | None = MISSING
     baselines: bool = MISSING
+    controls: bool = MISSING
     calibration: bool = MISSING
 
 

@@ -142,7 +142,7 @@ def evaluate(
         baselines: whether the baselines play.
         gamma: discount per decision that the policy was trained with.
         weights: w_k of the world's components, in their order; read only where choices are held against Q*.
-        controls: whether a policy with a context also plays out of it.
+        controls: whether a policy with a context is also played without it.
 
     Returns:
         The part of ``evaluation.json`` that playing decides: ``runs``, ``success``, ``confusion`` (of the policy:

@@ -49,7 +49,7 @@ def evaluate_run(
         unplayed = settings.baselines and baselines is None
         seeds, gamma = list(settings.seeds), run.cfg.loss.gamma
         weights = schema.weights_in_order(run.cfg.task.weights, env.components)
-        rules = settings.choices, until, unplayed, gamma, weights, settings.baselines
+        rules = settings.choices, until, unplayed, gamma, weights, settings.controls
         played = play.evaluate(run.policy, env, seeds, *rules)
         if baselines:
             played["baselines_from"], played["baselines"] = baselines

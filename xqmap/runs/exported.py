@@ -108,7 +108,7 @@ def write(run: Run, out: Path, onnx: bool = False) -> dict[str, Any]:
         "inputs": {
             "heightmap": {
                 "shape": ["B", 4, rows, columns],
-                "channels": ["red 0-255", "green 0-255", "blue 0-255", "height in m above the floor"],
+                "channels": ["R 0-255", "G 0-255", "B 0-255", "height in m above the floor"],
                 "normalisation": "none: it is part of the program; a cell that no camera saw is 0 in all four",
             },
             "mask": {"shape": ["B", rows * columns], "meaning": "true where an action can be chosen, row * W + column"},

@@ -29,7 +29,10 @@ from xqmap.terminal import say
 # Settings of earlier versions, on which nothing of what was learned depends.
 _FORMER = {"loss": ("windowed",)}
 # Settings that trainings had, in effect, before there was a name for them.
-_SINCE = {"qnet": {"context": 0, "horizon": 0, "raised_height": 0.0}}
+_SINCE: dict[str, dict[str, Any]] = {
+    "qnet": {"context": 0, "horizon": 0, "raised_height": 0.0},
+    "evaluation": {"controls": True},
+}
 
 
 @dataclass

@@ -9,7 +9,7 @@ from typing import Any
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
+from matplotlib.patches import Patch, Rectangle
 
 from xqmap.explanations.candidate import SELECTED
 from xqmap.explanations.decision import Decision
@@ -80,7 +80,7 @@ def draw_values(decision: Decision, axis: Axes) -> None:
     )
     axis.set_ylabel("value")
     axis.set_title("Values of each candidate")
-    axis.margins(y=0.2)
+    _fit(axis, 0.2)
 
 
 def _draw_played(decision: Decision, axis: Axes) -> None:
@@ -99,7 +99,7 @@ def draw_rdx(decision: Decision, axis: Axes, pairs: list[tuple[str, str]]) -> No
     axis.set_xticks(range(len(pairs)), [f"{a} − {b}" for a, b in pairs], fontsize=8)
     axis.set_ylabel("difference")
     axis.set_title("Differences (RDX): above zero speaks for the first")
-    axis.margins(y=0.15)
+    _fit(axis, 0.15)
     # Differences that are nothing beside the values look like it.
     reach = max(abs(value) for candidate in decision.candidates for value in candidate.values.values()) / 4 or 1.0
     low, high = axis.get_ylim()
@@ -129,13 +129,28 @@ def draw_when(decision: Decision, axes: Sequence[Axes]) -> None:
     axes[0].set_ylabel("value, discounted")
 
 
-def legend(decision: Decision, axis: Axes) -> None:
-    """Which color is which component, and what is hatched."""
+def _fit(axis: Axes, margin: float) -> None:
+    """Room for the numbers beyond the bars, where there are any: a bar that begins where another ends takes none."""
+    axis.use_sticky_edges = False
+    axis.margins(y=margin)
+    ends = [
+        end
+        for bar in axis.patches
+        if isinstance(bar, Rectangle)
+        for end in (bar.get_y(), bar.get_y() + bar.get_height())
+    ]
+    # Little below zero needs no room.
+    if ends and min(ends) > -0.1 * max(ends):
+        axis.set_ylim(bottom=1.5 * min(0.0, *ends))
+
+
+def legend(decision: Decision, axis: Axes, played: bool = True) -> None:
+    """Which color is which component, what is hatched, and, where any is ``played``, what came."""
     handles: list[Artist] = [Patch(color=color_of(decision, name), label=name) for name in decision.components]
     if decision.foresees:
         handles += [Patch(color="0.45", label="paid now")]
         handles += [Patch(fc="white", ec="0.45", hatch=_HATCH, label="can follow")]
-    if decision.played:
+    if played and decision.played:
         handles += [Line2D([], [], **_PLAYED, label="came, when played")]
     axis.legend(handles=handles, loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=9)
 

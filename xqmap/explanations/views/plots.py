@@ -75,7 +75,7 @@ def when(decision: Decision) -> Figure:
         figure = Picture(figsize=(1.4 + count * max(2.6, 0.62 * (ahead + 2)), 2.6), layout="constrained")
         axes = list(figure.subplots(1, count, sharey=True, squeeze=False)[0])
         charts.draw_when(decision, axes)
-        charts.legend(decision, axes[-1])
+        charts.legend(decision, axes[-1], played=False)
         return figure
 
 
