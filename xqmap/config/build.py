@@ -74,7 +74,9 @@ def perception(settings: DictConfig) -> Perception:
 
 def practice(cfg: DictConfig) -> DictConfig:
     """The same settings with training's scenes: ``task.practice`` in the place of what ``task.env`` says."""
-    return OmegaConf.merge(cfg, {"task": {"env": cfg.task.practice}})  # type: ignore[return-value]
+    # Resolved first: it may refer to what it takes the place of.
+    changes = OmegaConf.to_container(cfg.task.practice, resolve=True)
+    return OmegaConf.merge(cfg, {"task": {"env": changes}})  # type: ignore[return-value]
 
 
 def make_env(cfg: DictConfig, first_scene: int) -> Callable[[], ManiSkillEnv]:
