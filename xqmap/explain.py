@@ -26,8 +26,11 @@ def explain(cfg: DictConfig) -> None:
     """Builds or reads the decision, then writes every view of it to ``cfg.out``; of several, each into a folder of its
     own.
     """
+    require_rollouts(cfg)
     out = place(cfg)
     decisions = decisions_of(cfg)
+    if cfg.rollouts:
+        play_out(cfg, decisions)
     folders = [out / f"step{decision.step + 1:02d}" for decision in decisions] if len(decisions) > 1 else [out]
     written = []
     for decision, folder in zip(
@@ -68,27 +71,37 @@ def place(cfg: DictConfig) -> Path:
 def decisions_of(cfg: DictConfig) -> list[Decision]:
     """What ``run=`` and ``scene_seed=``, or ``decision=``, name."""
     if cfg.decision is not None:
-        if cfg.rollouts:
-            raise UserError("rollouts needs a run and its world: give run=DIR scene_seed=N instead of decision=")
         return [Decision.load(cfg.decision)]
     # Torch and the rest take seconds, which a decision from a file need not wait for.
     from xqmap.runs.run import load_run
 
-    if not isinstance(cfg.rollouts, int) or not 0 <= cfg.rollouts <= 100:
-        raise UserError(f"rollouts={cfg.rollouts} must be a whole number from 0 to 100")
     steps, run = cli.decisions(cfg), load_run(cfg.run)
     if cfg.images is not None:
-        if cfg.rollouts:
-            raise UserError("rollouts needs the run's own world: leave images away")
         # Of pictures no simulator knows what lies where.
         see = None if cfg.perception.get("_target_") == _SIMULATOR else cfg.perception
         return [run.decide_images(cfg.images, cfg.table, see, cfg.candidates, cfg.depth_unit, cfg.camera_axes)]
-    decisions = run.episode(cfg.scene_seed, steps, cfg.perception, cfg.candidates)
-    if cfg.rollouts:
-        from xqmap.runs import futures
+    return run.episode(cfg.scene_seed, steps, cfg.perception, cfg.candidates)
 
-        futures.play(run, decisions, cfg.rollouts)
-    return decisions
+
+def play_out(cfg: DictConfig, decisions: list[Decision]) -> None:
+    """Carries out every candidate, ``cfg.rollouts`` times."""
+    # As above: torch takes seconds.
+    from xqmap.runs import futures
+    from xqmap.runs.run import load_run
+
+    futures.play(load_run(cfg.run), decisions, cfg.rollouts)
+
+
+def require_rollouts(cfg: DictConfig) -> None:
+    """Refuses ``cfg.rollouts`` where nothing can be carried out.
+
+    Raises:
+        UserError: naming the setting.
+    """
+    if not isinstance(cfg.rollouts, int) or not 0 <= cfg.rollouts <= 100:
+        raise UserError(f"rollouts={cfg.rollouts} must be a whole number from 0 to 100")
+    if cfg.rollouts and (cfg.decision is not None or cfg.images is not None):
+        raise UserError("rollouts needs a run in its own world: give run=DIR scene_seed=N, without decision or images")
 
 
 def write(decision: Decision, folder: Path) -> list[Path]:
