@@ -51,7 +51,7 @@ def test_every_method_trains_evaluates_and_leaves_what_it_should(
     train(cfg, run_directory)
     result = evaluate_run(run_directory, cfg.evaluation, run_directory / "evaluation.json")
     assert json.loads((run_directory / "evaluation.json").read_text()) == result
-    made = {"runs", "success", "confusion", "baselines"}
+    made = {"runs", "success", "optimal", "confusion", "baselines", "world_sha256"}
     assert {
         "task",
         "method",
