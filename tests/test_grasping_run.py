@@ -22,7 +22,9 @@ pytestmark = pytest.mark.sim
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("grasping")
     small = ["trainer=smoke", "trainer.frames=20", "evaluation.seeds=[0]", "evaluation.choices=3"]
-    done = call("train", "+task=grasping", *small, "hydra.run.dir=run", cwd=folder)
+    # An agent that has learned nothing fails at once, and would see one decision.
+    on = ["task.env.failure=stays", "loss.gamma=0"]
+    done = call("train", "+task=grasping", *small, *on, "hydra.run.dir=run", cwd=folder)
     assert done.returncode == 0, done.stderr
     return folder / "run"
 
