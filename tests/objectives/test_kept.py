@@ -148,7 +148,9 @@ def test_a_kept_choice_is_valued_by_the_target_nets_of_now() -> None:
     change(loss.target_value_network_params)
     kept.step(moved=True)
     goes_on = ~batch["next", "terminated"].squeeze(-1)
-    valued = loss._joined(*loss._parts(batch["next"], choice.clamp_min(0), loss.target_value_network_params))
+    valued = loss.value_network.joined(  # type: ignore[operator]
+        *loss._parts(batch["next"], choice.clamp_min(0), loss.target_value_network_params)
+    )
     now = _future(loss, batch)
     assert torch.allclose(now[goes_on], 0.9 * valued[goes_on], atol=1e-6)
     assert not torch.allclose(now, first)

@@ -247,7 +247,7 @@ class DecomposedDQNLoss(LossModule):
         k = self.tensor_keys
         action = inputs.actions(tensordict, k.action, self.one_hot)
         now, later = self._parts(tensordict, action, self.value_network_params)
-        value = self._joined(now, later)
+        value = self.value_network.joined(now, later) if isinstance(self.value_network, QMaps) else now
         with torch.no_grad():
             target, expected = self._targets(tensordict)
             target = target.to(value)
@@ -284,9 +284,6 @@ class DecomposedDQNLoss(LossModule):
             names = ", ".join(self.components)
             raise ValueError(f"the network wrote {key} {list(found[key].shape)}, must be {[*wanted, 'A']}: {names}")
         return found
-
-    def _joined(self, now: Tensor, later: Tensor | None) -> Tensor:
-        return now if later is None else now + self.later_gamma * later.sum(-1)
 
     def _parts(
         self, tensordict: TensorDictBase, action: Tensor, params: TensorDictParams

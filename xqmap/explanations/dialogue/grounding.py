@@ -46,9 +46,8 @@ def numbers_of(decision: Decision) -> set[str]:
             *contrast.flip_points(delta).values(),
             contrast.flip_distance(delta),
         ]
-    told = [parts for c in (*decision.candidates, *decision.objects) if (parts := (c.now, c.later)) != (None, None)]
-    for which in (0, 1):
-        shares = [part for parts in told if (part := parts[which]) is not None]
+    pool = [*decision.candidates, *decision.objects]
+    for shares in ([c.now for c in pool if c.now is not None], [c.later for c in pool if c.later is not None]):
         deltas = [contrast.rdx(first, second) for first, second in itertools.combinations(shares, 2)]
         values += [value for part in (*shares, *deltas) for value in (*part.values(), sum(part.values()))]
     values += [*decision.noise.values(), decision.error, *(decision.robustness() or ())[:1]]

@@ -16,8 +16,8 @@ from xqmap.explanations.decision import Decision
 from xqmap.explanations.views.style import PALETTE
 from xqmap.explanations.views.words import number, signed
 
-# Of what can follow.
-_HATCH = "////"
+# What can follow: light enough to see what is paid now through it.
+_FOLLOWS: Any = {"fc": (1.0, 1.0, 1.0, 0.75), "lw": 1.0, "hatch": "////"}
 # What really came.
 _PLAYED: Any = {"marker": "D", "ms": 4.5, "mfc": "white", "mec": "black", "mew": 1.0, "ls": "none"}
 # Behind a number that a line may cross.
@@ -117,10 +117,7 @@ def draw_when(decision: Decision, axes: Sequence[Axes]) -> None:
             color = color_of(decision, name)
             drawn = axis.bar(places[:1], candidate.parts[name][:1], width * 0.94, color=color)
             axis.bar_label(drawn, fmt=number, fontsize=7, padding=1.5, color="0.3")
-            light = (1.0, 1.0, 1.0, 0.75)
-            drawn = axis.bar(
-                places[1:], candidate.parts[name][1:], width * 0.94, fc=light, ec=color, lw=1.0, hatch=_HATCH
-            )
+            drawn = axis.bar(places[1:], candidate.parts[name][1:], width * 0.94, ec=color, **_FOLLOWS)
             axis.bar_label(drawn, fmt=number, fontsize=7, padding=1.5, color="0.3")
         axis.axhline(0, color="0.3", lw=0.8)
         axis.set_xticks(range(ahead), ["now", *(f"+{h}" for h in range(1, ahead - 1)), "after"], fontsize=8)
@@ -149,7 +146,7 @@ def legend(decision: Decision, axis: Axes, played: bool = True) -> None:
     handles: list[Artist] = [Patch(color=color_of(decision, name), label=name) for name in decision.components]
     if decision.foresees:
         handles += [Patch(color="0.45", label="paid now")]
-        handles += [Patch(fc="white", ec="0.45", hatch=_HATCH, label="can follow")]
+        handles += [Patch(ec="0.45", label="can follow", **_FOLLOWS)]
     if played and decision.played:
         handles += [Line2D([], [], **_PLAYED, label="came, when played")]
     axis.legend(handles=handles, loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, fontsize=9)
@@ -178,8 +175,7 @@ def _grouped(
         axis.bar(places, solid, width * 0.94, color=color)
         rest = [height - part for height, part in zip(heights, solid, strict=True)]
         if any(rest):
-            light = (1.0, 1.0, 1.0, 0.75)
-            axis.bar(places, rest, width * 0.94, solid, fc=light, ec=color, lw=1.0, hatch=_HATCH)
+            axis.bar(places, rest, width * 0.94, solid, ec=color, **_FOLLOWS)
         for place, height, part in zip(places, heights, solid, strict=True) if count <= 4 else ():
             below = height < 0
             axis.annotate(
