@@ -31,25 +31,29 @@ _Loader.add_implicit_resolver(
 )
 
 
-def read(path: Path, inside: Path | None = None) -> Any:
+_Texts: type[Any] = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
+
+
+def read(path: Path, inside: Path | None = None, texts: bool = False) -> Any:
     """What a yaml file holds: dictionaries, lists, texts, numbers, booleans and None, interpolations as they stand.
 
     Args:
         path: of the file.
         inside: the directory that it has to lie in, wherever links lead; None for any place.
+        texts: leave every scalar a text: of a list of words, "no" and "on" are no truth values.
 
     Raises:
         UserError: naming the file and what is wrong with it.
     """
-    content, depth = read_bytes(path, _LARGEST_FILE, inside), 0
+    content, depth, loader = read_bytes(path, _LARGEST_FILE, inside), 0, _Texts if texts else _Loader
     try:
         # libyaml builds by recursion and checks no depth; an alias of aliases of aliases is small only in the file.
-        for count, event in enumerate(yaml.parse(content, _Loader)):
+        for count, event in enumerate(yaml.parse(content, loader)):
             depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
             if depth > _DEEPEST or count > _MOST_EVENTS:
                 raise UserError(f"{path}: more settings than any training has")
             if isinstance(event, yaml.AliasEvent) or getattr(event, "tag", None):
                 raise UserError(f"{path}: aliases and types of yaml's are no settings")
-        return _Loader(content).get_single_data()
+        return loader(content).get_single_data()
     except (yaml.YAMLError, ValueError, TypeError) as error:
         raise UserError(f"{path}: not yaml ({brief(error, 80)})") from None

@@ -6,14 +6,12 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
-from pathlib import Path
 from typing import Any
 
-import yaml
 from rapidfuzz import process
 from rapidfuzz.distance import OSA
 
-from xqmap.config import plugins
+from xqmap.config import plain, plugins
 
 _TOKEN = re.compile(r"[^\W\d_]+(?:['’-][^\W\d_]+)*|[+-]?\d+(?:[.,]\d+)?%?|[?!.;](?=\s|$)|[^\s.!;]")
 # A misspelled word has at least so many letters for one slip, and for a second.
@@ -211,5 +209,4 @@ def intents() -> Mapping[str, Any]:
 def _read(name: str) -> Any:
     found = plugins.find("explain", "language", f"{name}.yaml")
     assert found is not None, name
-    # Words like "no" and "on" are words here, and no truth values.
-    return yaml.load(Path(found).read_text(encoding="utf-8"), Loader=yaml.BaseLoader)
+    return plain.read(found, texts=True)
