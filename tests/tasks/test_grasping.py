@@ -125,6 +125,7 @@ def test_touching_is_enough_with_the_touch_seal(world: GraspingEnv, monkeypatch:
 def test_an_episode_ends_with_the_last_cube_or_the_limit_of_attempts(
     world: GraspingEnv, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(world, "failure", "stays")
     put(world, CUBE_AT, BOWL_AT)
     monkeypatch.setattr(world, "attempts", 2)
     assert not attempt(world, 0.6, 0.4, 0.0)[1]["truncated"]
@@ -165,7 +166,8 @@ def test_the_oracle_always_gets_what_is_available(mapped: ManiSkillEnv) -> None:
         assert bool(state["terminated"])
 
 
-def test_exact_values_name_the_best_object(world: GraspingEnv) -> None:
+def test_exact_values_name_the_best_object(world: GraspingEnv, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(world, "failure", "stays")
     put(world, CUBE_AT, BOWL_AT, Thing("cube", "yellow", 0.7, 0.4))
     names = [thing.name for thing in world.scene_objects()]
     values = dict(zip(names, world.exact_values(0.1).tolist(), strict=True))
